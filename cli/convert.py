@@ -53,13 +53,13 @@ def command(
     if not as_json:
         echo(f"{target.title} cannot hold: {'; '.join(target.lost)}.", err=True)
     with progress_bar("Converting", "sequences", hidden=as_json) as bar:
-        made = convert(sequences, target, out, Options(points, frame_rate), bar)
+        size = convert(sequences, target, out, Options(points, frame_rate), bar)
     document = {
         "target": target.name,
         "out": str(out),
-        "sequences": made.sequences,
-        "bytes": made.bytes,
+        "sequences": len(sequences),
+        "bytes": size,
         "lost": list(target.lost),
     }
-    text = f"Wrote {plural(made.sequences, 'sequence')} to {out}. Open with: {target.opened_by}"
+    text = f"Wrote {plural(len(sequences), 'sequence')} to {out}. Open with: {target.opened_by}"
     echo_result(document, text.replace("OUT", str(out)), as_json=as_json)

@@ -42,14 +42,8 @@ from pliant.cli.terminal import echo_result, progress_bar
 @path_option(
     "--masks",
     "FOLDER",
-    "Pictures: a mask for each, of the same name and size, black outside the object; default: "
-    "image_masks/ of a knots_info.json.",
-)
-@path_option(
-    "--objects",
-    "FOLDER",
-    "Pictures: masks of the rope and its ball, with --masks of the rope alone; default: a ball is "
-    "separated from the masks of a rope.",
+    "Pictures: a mask for each, of the same name and size, black outside the object; a rope's ball "
+    "is separated from it. Default: image_masks/ of a knots_info.json.",
 )
 @path_option(
     "--depth",
@@ -72,12 +66,6 @@ from pliant.cli.terminal import echo_result, progress_bar
     help="Pictures: points that look alike: two names to exchange, or four corners in their order. "
     "Repeat it for groups that are exchanged together. They are alternatives in the scores.",
 )
-@choice_option(
-    "--coordinates",
-    ["auto", "normalised", "pixels"],
-    "Tracks: positions are fractions of the frame, or pixels from its corner.",
-    "auto",
-)
 @json_option
 def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
     """Import SOURCE as a dataset that can be validated, answered and scored.
@@ -96,10 +84,9 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
         pairs=given.pop("pair_list"),
         size=given["size"],
         masks=given.pop("masks"),
-        objects=given.pop("objects"),
         depth=given.pop("depth"),
     )
-    found = read_source(source, options, given.pop("coordinates"))
+    found = read_source(source, options)
     defaults = {"id": out.name, "kind": found.kind, "queries": found.queries}
     settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.converters.annotations import Annotations, read_rows
-from pliant.converters.clip import ATTACHED, OBJECT, Clip
-from pliant.spec.arrays import FloatArray, ImageArray
+from pliant.converters.clip import Clip
+from pliant.spec.arrays import FloatArray, ImageArray, Mask
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
@@ -77,19 +77,10 @@ class Canvas:
         """Return a picture on the canvas, uint8 (H, W, 3)."""
         return self._filled(resize_rgb(read_photo(self.pictures[frame]), self.placed(frame)), 0)
 
-    def read_mask(self, path: Path, frame: int, objects: Path | None) -> ImageArray:
-        """Return a picture's mask on the canvas, uint8 (H, W): see `OBJECT` and `ATTACHED`.
-
-        Args:
-            path: The mask of the object.
-            frame: The picture.
-            objects: A mask of the object and what is attached to it, or None.
-        """
+    def read_mask(self, path: Path, frame: int) -> Mask:
+        """Return a picture's mask on the canvas, bool (H, W)."""
         mask = read_mask(path, self.original[frame])
-        ids = np.where(mask, OBJECT, 0).astype(np.uint8)
-        if objects is not None:
-            ids[read_mask(objects, self.original[frame]) & ~mask] = ATTACHED
-        return self._filled(resize_nearest(ids, self.placed(frame)), 0)
+        return self._filled(resize_nearest(mask, self.placed(frame)), False)
 
     def read_depth(self, path: Path, frame: int) -> npt.NDArray[np.float32]:
         """Return a picture's depth on the canvas, float32 (H, W), metres."""
@@ -120,7 +111,6 @@ class PictureOptions:
         pairs: A CSV of the pairs to ask about, columns `source` and `target`; None for no list.
         size: (width, height) of the canvas, px; None for the smallest that all pictures fit in.
         masks: A folder of masks, one for each picture; None for those of the source, if any.
-        objects: A folder of masks of the object and what is attached to it, or None.
         depth: A folder of depth images, one for each picture, or None.
     """
 
@@ -129,7 +119,6 @@ class PictureOptions:
     pairs: Path | None = None
     size: tuple[int, int] | None = None
     masks: Path | None = None
-    objects: Path | None = None
     depth: Path | None = None
 
 
@@ -145,16 +134,8 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
         SpecError: A picture or the list of pairs cannot be read.
     """
     canvas = Canvas(annotations.pictures, options.size)
-
-    def mask(frame: int) -> ImageArray:
-        assert masks is not None
-        return canvas.read_mask(masks[frame], frame, objects[frame] if objects else None)
-
     uv_px = annotations.uv_px + (0.5 if options.pixels == "index" else 0.0)
     masks = _companions(annotations.pictures, options.masks or annotations.masks)
-    objects = _companions(annotations.pictures, options.objects)
-    if objects is not None and masks is None:
-        raise CallError("masks of all objects need --masks of the object", path=options.objects)
     depths = _companions(annotations.pictures, options.depth)
     names = [picture.name for picture in annotations.pictures]
     name = annotations.path.stem if annotations.path.is_file() else annotations.path.name
@@ -172,7 +153,7 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
             "points": list(annotations.points),
             "not_said": list(annotations.unsaid),
         },
-        read_mask=None if masks is None else mask,
+        read_mask=None if masks is None else lambda k: canvas.read_mask(masks[k], k),
         read_depth=None if depths is None else lambda k: canvas.read_depth(depths[k], k),
     )
 

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.arrays import FloatArray, ImageArray
+from pliant.spec.arrays import FloatArray, ImageArray, Mask
 from pliant.spec.io.resizing import resize_rgb
-
-OBJECT: Final = 1
-"""Value in a mask of the object that the points are on."""
-
-ATTACHED: Final = 2
-"""Value in a mask of what is attached to it and is not asked about, such as a rope's ball."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +28,7 @@ class Clip:
         temporal: True for frames in time, False for independent configurations.
         pairs: The (source, target) frames that its source lists, None for no list.
         facts: JSON-able facts for the provenance: names of pictures and points, scales.
-        read_mask: Returns what a frame shows, uint8 (H, W): `OBJECT`, `ATTACHED` or 0; None for no
-            masks.
+        read_mask: Returns the object in a frame, bool (H, W); None for no masks.
         read_depth: Returns a frame's depth, float32 (H, W), metres, +inf where it is not known;
             None for no depth.
     """
@@ -49,7 +42,7 @@ class Clip:
     temporal: bool
     pairs: Sequence[tuple[int, int]] | None = None
     facts: Mapping[str, Any] | None = None
-    read_mask: Callable[[int], npt.NDArray[np.uint8]] | None = None
+    read_mask: Callable[[int], Mask] | None = None
     read_depth: Callable[[int], npt.NDArray[np.float32]] | None = None
 
     def __post_init__(self) -> None:

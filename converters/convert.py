@@ -85,23 +85,6 @@ TARGETS: Final = {
 """Name -> target."""
 
 
-@dataclass(frozen=True)
-class Converted:
-    """What a conversion has written.
-
-    Attributes:
-        target: The form.
-        folder: Where it is.
-        sequences: Number of sequences.
-        bytes: Size of all files.
-    """
-
-    target: Target
-    folder: Path
-    sequences: int
-    bytes: int
-
-
 def chosen_sequences(
     dataset: Dataset,
     *,
@@ -141,7 +124,7 @@ def convert(
     out: Path,
     options: Options,
     progress: Progress | None = None,
-) -> Converted:
+) -> int:
     """Write sequences in the format of another tool.
 
     Args:
@@ -150,6 +133,9 @@ def convert(
         out: A folder that does not exist or is empty.
         options: Number of points, and the clock.
         progress: Called with (sequences done, of how many).
+
+    Returns:
+        The size of all files, bytes.
 
     Raises:
         CallError: The folder has files in it, or the form cannot hold these sequences.
@@ -164,5 +150,4 @@ def convert(
         for done, _ in enumerate(module.write(sequences, folder, options), start=1):
             if progress is not None:
                 progress(done, len(sequences))
-        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return Converted(target, out, len(sequences), size)
+        return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

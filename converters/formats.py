@@ -14,7 +14,7 @@ from pliant.converters.clip import Clip
 from pliant.converters.knots import KNOTS_JSON, read_knots
 from pliant.converters.marks_csv import read_marks
 from pliant.converters.queries import Scheme
-from pliant.converters.tapvid import Coordinates, read_tapvid
+from pliant.converters.tapvid import read_tapvid
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.marks import ANNOTATIONS_CSV
@@ -39,16 +39,13 @@ class Source:
     notes: Sequence[str] = ()
 
 
-def read_source(
-    path: Path, options: PictureOptions | None = None, coordinates: Coordinates = "auto"
-) -> Source:
+def read_source(path: Path, options: PictureOptions | None = None) -> Source:
     """Read annotated pictures or point tracks.
 
     Args:
         path: `annotations.csv`, a COCO or LabelMe file, the folder of one of them or of
             `knots_info.json`, or an npz file of TAP-Vid tracks, or a folder of such files.
         options: How annotated pictures are read.
-        coordinates: Of tracks, what positions are.
 
     Raises:
         CallError: There is nothing at this path, or an option is for pictures alone.
@@ -58,17 +55,14 @@ def read_source(
     if not path.exists():
         raise CallError("there is nothing to import", path=path)
     if tracks := _track_files(path):
-        given = next(
-            (p for p in (options.pairs, options.masks, options.objects, options.depth) if p), None
-        )
+        given = next((each for each in (options.pairs, options.masks, options.depth) if each), None)
         if given is not None:
             raise CallError(
                 "lists of pairs, masks and depth are for annotated pictures, not for tracks",
                 path=given,
             )
-        clips = read_tapvid(tracks, coordinates=coordinates)
-        facts = {"source": path.name, "format": "tap-vid", "coordinates": coordinates}
-        return Source(clips, "cloth", "first", facts)
+        facts = {"source": path.name, "format": "tap-vid"}
+        return Source(read_tapvid(tracks), "cloth", "first", facts)
     name, annotations = _annotations(path)
     clip = clip_of(annotations, options)
     facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}

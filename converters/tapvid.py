@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from rich.filesize import decimal
@@ -27,20 +27,18 @@ FIELDS: Final = ("video", "points", "occluded")
 _MAX_UNPACKED_BYTES: Final = 2**30
 _LIMITS: Final = Limits(memory_bytes=3 * 2**29, cpu_s=120, wall_s=300, file_bytes=0, network=False)
 
-Coordinates = Literal["auto", "normalised", "pixels"]
-"""What positions are: shares of the frame, or pixels from its corner; `auto` takes them for shares
-if no visible one is above 1."""
-
 Record = dict[str, np.ndarray[Any, Any]]
 RecordOf = Callable[[Path], Record]
 
 
-def read_tapvid(files: Sequence[Path], *, coordinates: Coordinates = "auto") -> list[Clip]:
+def read_tapvid(files: Sequence[Path]) -> list[Clip]:
     """Read files of point tracks, each in a child process with limits.
+
+    Positions are taken for shares of the frame if no visible one is above 1, else for pixels from
+    its corner.
 
     Args:
         files: npz files, a clip each.
-        coordinates: What the positions are.
 
     Returns:
         The clips, in the order of the files.
@@ -62,7 +60,7 @@ def read_tapvid(files: Sequence[Path], *, coordinates: Coordinates = "auto") -> 
     def record_of(path: Path) -> Record:
         return run_limited(partial(read_npz, path), limits=_LIMITS, path=path)
 
-    return [_clip(path, record_of, coordinates) for path in files]
+    return [_clip(path, record_of) for path in files]
 
 
 def read_npz(path: Path) -> Record:
@@ -90,7 +88,7 @@ def read_npz(path: Path) -> Record:
         ) from error
 
 
-def _clip(path: Path, record_of: RecordOf, coordinates: Coordinates) -> Clip:
+def _clip(path: Path, record_of: RecordOf) -> Clip:
     record = record_of(path)
     missing = [name for name in FIELDS if name not in record]
     if missing:
@@ -113,9 +111,7 @@ def _clip(path: Path, record_of: RecordOf, coordinates: Coordinates) -> Clip:
     visible = hidden == 0
     if not np.isfinite(points[visible]).all():
         raise SpecError("a visible point has no position", path=path, where="points")
-    shares = coordinates == "normalised" or (
-        coordinates == "auto" and bool((np.abs(points[visible]) <= 1).all())
-    )
+    shares = (np.abs(points[visible]) <= 1).all()
     uv_px = points * np.array([width, height]) if shares else points
     return Clip(
         name=path.stem,

@@ -17,9 +17,8 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.converters.alike import Alike, alike
-from pliant.converters.clip import ATTACHED, OBJECT, Clip, resized
+from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
-from pliant.spec.arrays import ImageArray
 from pliant.spec.ball import separate_ball
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import is_name
@@ -35,6 +34,12 @@ from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
+
+OBJECT: Final = 1
+"""Value in a mask of the object that the points are on."""
+
+ATTACHED: Final = 2
+"""Value in a mask of what is attached to it and is not asked about, such as a rope's ball."""
 
 UNKNOWN: Final = ("cameras", "surface", "material coordinates", "scale", "symmetries")
 """What imported data does not say; it is in the dataset's provenance."""
@@ -137,31 +142,33 @@ def write_imported(
             fix="Mark the same points, under the same names, in several pictures.",
         )
     with staged_both(out, beside) as (root, answers):
-        masks = _Masks(settings.kind)
-        done, total = 0, sum(clip.frames for clip in clips)
+        done, total, balls = 0, sum(clip.frames for clip in clips), 0
         documents = []
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
             folder = layout.sequence_dir(root, settings.id, name)
             files = []
             for frame in range(clip.frames):
-                files += _write_frame(clip, frame, folder, masks)
-                done += 1
+                names, ball = _write_frame(clip, frame, folder, settings.kind)
+                files += names
+                done, balls = done + 1, balls + ball
                 if progress is not None:
                     progress(done, total)
             documents.append(_sequence(clip, name, index, settings, folder, files))
             write_json(folder / layout.SEQUENCE_JSON, documents[-1], "sequence")
         _write_tables(root, answers, settings, documents, queries, truth)
-        names = dict(zip(ids, (clip.name for clip in clips), strict=True))
+        sources = dict(zip(ids, (clip.name for clip in clips), strict=True))
         measured = all(clip.read_depth is not None for clip in clips)
         unknown = [each for each in UNKNOWN if each != "symmetries" or not same]
         unknown += [] if measured else ["depth"]
-        config = {**source, "queries": settings.queries, "sources": names, "unknown": unknown}
+        config = {**source, "queries": settings.queries, "sources": sources, "unknown": unknown}
         write_json(
-            root / layout.DATASET_JSON, _dataset(settings, size, config, masks, same), "dataset"
+            root / layout.DATASET_JSON,
+            _dataset(settings, size, config, balls > 0, same),
+            "dataset",
         )
     pairs = int(queries["pair_id"][-1].as_py()) + 1
     answers = beside / f"{settings.split}.parquet"
-    return Imported(out, answers, len(clips), total, pairs, len(queries), masks.balls)
+    return Imported(out, answers, len(clips), total, pairs, len(queries), balls)
 
 
 def _check_names(clips: Sequence[Clip], source: Mapping[str, Any]) -> None:
@@ -222,45 +229,30 @@ def _write_tables(
     write_table(truth_root / f"{settings.split}.parquet", truth, "truth", footer)
 
 
-class _Masks:
-    """Separates balls from masks of ropes, and remembers what the masks show.
+def _write_frame(clip: Clip, frame: int, folder: Path, kind: str) -> tuple[list[str], bool]:
+    """Write the files of a frame.
 
-    Args:
-        kind: Kind of the object.
-
-    Attributes:
-        attached: Whether a mask shows something that is attached to the object.
-        balls: Number of masks from which a ball was separated.
+    Returns:
+        Their paths relative to the folder, and whether a rope's ball was separated from its mask.
     """
-
-    def __init__(self, kind: str) -> None:
-        self._rope = kind == "rope"
-        self.attached, self.balls = False, 0
-
-    def separated(self, ids: ImageArray) -> ImageArray:
-        """Return a mask, uint8 (H, W), with a rope's ball as `ATTACHED`."""
-        if self._rope and not (ids == ATTACHED).any():
-            _, ball = separate_ball(ids == OBJECT)
-            if ball is not None:
-                ids = np.where(ball, ATTACHED, ids).astype(np.uint8)
-                self.balls += 1
-        self.attached |= bool((ids == ATTACHED).any())
-        return ids
-
-
-def _write_frame(clip: Clip, frame: int, folder: Path, masks: _Masks) -> list[str]:
-    """Write the files of a frame; return their paths relative to the folder."""
     names = [layout.rgb_name(frame)]
     names += [layout.mask_name(frame)] if clip.read_mask else []
     names += [layout.camera_depth_name(frame)] if clip.read_depth else []
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
     write_rgb(folder / names[0], clip.read(frame))
+    ball = None
     if clip.read_mask:
-        write_mask(folder / layout.mask_name(frame), masks.separated(clip.read_mask(frame)))
+        mask = clip.read_mask(frame)
+        ids = np.where(mask, OBJECT, 0).astype(np.uint8)
+        if kind == "rope":
+            _, ball = separate_ball(mask)
+        if ball is not None:
+            ids[ball] = ATTACHED
+        write_mask(folder / layout.mask_name(frame), ids)
     if clip.read_depth:
         write_camera_depth(folder / layout.camera_depth_name(frame), clip.read_depth(frame))
-    return names
+    return names, ball is not None
 
 
 def _sequence(
@@ -295,12 +287,12 @@ def _dataset(
     settings: ImportSettings,
     size: tuple[int, int],
     config: Mapping[str, Any],
-    masks: _Masks,
+    attached: bool,
     same: Sequence[Alike],
 ) -> dict[str, Any]:
     """Return `dataset.json`; the tier's material is one that is called unknown."""
     unsaid = config["unknown"]
-    names = {OBJECT: "unknown", **({ATTACHED: "attached"} if masks.attached else {})}
+    names = {OBJECT: "unknown", **({ATTACHED: "attached"} if attached else {})}
     material = (MaterialCoordinate("unknown", 0, 1, 1), MaterialCoordinate("unknown", 0, 1, 1))
     objects = tuple(MaterialObject(number, name, material) for number, name in names.items())
     tier = Tier(

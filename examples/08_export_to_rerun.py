@@ -11,6 +11,7 @@ out = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
 
 sequences = chosen_sequences(pliant.load("sample"), split="val")
 target = TARGETS["rerun"]  # or lerobot, coco, tapvid, webdataset, glb
-made = convert(sequences, target, out / "recordings", Options())
-print(f"{made.sequences} recordings in {made.folder}; it cannot hold: {', '.join(target.lost)}")
-print(f"rerun {made.folder}/*.rrd")
+folder = out / "recordings"
+convert(sequences, target, folder, Options())
+print(f"{len(sequences)} recordings in {folder}; it cannot hold: {', '.join(target.lost)}")
+print(f"rerun {folder}/*.rrd")

@@ -50,10 +50,8 @@ def _set_frame(rr: Any, stream: Any, frame: int) -> None:
 
 
 def _entities(rr: Any, recording: Recording, frame: RecordedFrame) -> dict[str, Any]:
-    camera = frame.camera
-    surface, index = frame.surface, frame.index
-    if camera is None or surface is None:
-        raise AssertionError(f"{frame.key} has truth but no camera")
+    index = frame.index
+    camera, surface = recording.sequence.camera(index), recording.sequence.surface(index)
     rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
     seen = recording.visible[index]
     shades = colours(recording)

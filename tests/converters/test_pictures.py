@@ -40,38 +40,32 @@ b.tif,end,2.25,8,1
 ç.webp,ball,60,10,true
 ç.webp,middle,,,0
 """
-# In pixels of its own picture: (picture, point) -> position, in the order of the names.
-MARKS = {
-    (0, "ball"): (4.5, 6.0, True),
-    (0, "end"): (39.5, 29.5, True),
-    (1, "ball"): (10.0, 30.0, False),
-    (1, "end"): (2.25, 8.0, True),
-    (2, "ball"): (60.0, 10.0, True),
-    (2, "end"): (80.0, 4.0, False),  # on the border: out of the frame
+# In pixels of its own picture: frame, u, v and the same of the target, in the order of the names.
+ASKED = {
+    (0, 4.5, 6.0, 1, 10.0, 30.0),  # b.tif's ball is on its border, and not on that of the canvas
+    (0, 4.5, 6.0, 2, 60.0, 10.0),
+    (0, 39.5, 29.5, 1, 2.25, 8.0),
+    (0, 39.5, 29.5, 2, 80.0, 4.0),
+    (1, 2.25, 8.0, 0, 39.5, 29.5),
+    (1, 2.25, 8.0, 2, 80.0, 4.0),
+    (2, 60.0, 10.0, 0, 4.5, 6.0),
+    (2, 60.0, 10.0, 1, 10.0, 30.0),
 }
 
 
-def expected(scales: dict[int, tuple[float, float]]) -> set[tuple[Any, ...]]:
-    rows = set()
-    for (a, point), (u, v, seen) in MARKS.items():
-        for (b, other), (u_b, v_b, seen_b) in MARKS.items():
-            if seen and a != b and point == other:
-                outside = b == 2 and point == "end"
-                state = "visible" if seen_b else "out_of_frame" if outside else "occluded"
-                (sa, ta), (sb, tb) = scales[a], scales[b]
-                rows.add((a, u * sa, v * ta, b, u_b * sb, v_b * tb, state))
-    # b.tif's ball has v = 30, which is its border and not that of the canvas.
-    return rows
-
-
-def test_pictures_of_three_sizes_share_a_canvas(tmp_path: Path) -> None:
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    """The three pictures with the marks of `CSV`."""
     folder = photographs(tmp_path / "photos")
     (folder / "annotations.csv").write_text(CSV)
-    dataset = imported(folder, tmp_path / "out")
+    return folder
+
+
+def test_pictures_of_three_sizes_share_a_canvas(photos: Path, tmp_path: Path) -> None:
+    dataset = imported(photos, tmp_path / "out")
     assert dataset.size == (80, 30)
     rows = asked(tmp_path / "out")
-    whole = dict.fromkeys(range(3), (1.0, 1.0))
-    assert {row[:-1] for row in rows} == {row[:-1] for row in expected(whole)}
+    assert {row[:-1] for row in rows} == ASKED
     assert (0, 4.5, 6.0, 2, 60.0, 10.0, "visible") in rows
     frames = [dataset.sequences[0].rgb(frame).astype(int) for frame in range(3)]
     # The turned picture's white corner is at its upper right, columns 10 to 20; black follows.
@@ -83,24 +77,22 @@ def test_pictures_of_three_sizes_share_a_canvas(tmp_path: Path) -> None:
     assert config["pictures"][1] == {"name": "b.tif", "size": [20, 30], "placed": [20, 30]}
 
 
-def test_size_scales_marks_exactly(tmp_path: Path) -> None:
+def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
     """By hand at 20 x 15: factors 1/2; 1/2 (20 x 30 becomes 10 x 15); 1/4 (80 x 20 is 20 x 5)."""
-    folder = photographs(tmp_path / "photos")
-    (folder / "annotations.csv").write_text(CSV)
-    dataset = imported(folder, tmp_path / "out", "--size", "20x15")
+    dataset = imported(photos, tmp_path / "out", "--size", "20x15")
     assert dataset.size == (20, 15)
-    scales = {0: (0.5, 0.5), 1: (0.5, 0.5), 2: (0.25, 0.25)}
-    rows = asked(tmp_path / "out")
-    assert {row[:-1] for row in rows} == {row[:-1] for row in expected(scales)}
+    scale = (0.5, 0.5, 0.25)
+    assert {row[:-1] for row in asked(tmp_path / "out")} == {
+        (a, u * scale[a], v * scale[a], b, u_b * scale[b], v_b * scale[b])
+        for a, u, v, b, u_b, v_b in ASKED
+    }
     placed = [entry["placed"] for entry in dataset.info["provenance"]["config"]["pictures"]]
     assert placed == [[20, 15], [10, 15], [20, 5]]
 
 
-def test_a_list_of_pairs_is_all_that_is_asked(tmp_path: Path) -> None:
-    folder = photographs(tmp_path / "photos")
-    (folder / "annotations.csv").write_text(CSV)
+def test_a_list_of_pairs_is_all_that_is_asked(photos: Path, tmp_path: Path) -> None:
     (tmp_path / "pairs.csv").write_text("source,target\nç.webp,a b.JPG\n")
-    imported(folder, tmp_path / "out", "--pair-list", str(tmp_path / "pairs.csv"))
+    imported(photos, tmp_path / "out", "--pair-list", str(tmp_path / "pairs.csv"))
     assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
 
 
@@ -112,32 +104,32 @@ b.tif,end,8,8,1,marked
 """
 
 
-def test_suggestions_are_no_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_suggestions_are_no_truth(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The ball of the first picture is a suggestion: nothing is known of it there."""
-    folder = photographs(tmp_path / "photos")
-    (folder / "annotations.csv").write_text(SOURCES)
-    imported(folder, tmp_path / "out")
+    (photos / "annotations.csv").write_text(SOURCES)
+    imported(photos, tmp_path / "out")
     assert asked(tmp_path / "out") == {
         (0, 9.0, 9.0, 1, 8.0, 8.0, "visible"),
         (1, 8.0, 8.0, 0, 9.0, 9.0, "visible"),
     }
     assert "1 marks were left out" in capsys.readouterr().out
-
-
-def test_a_folder_without_annotations_names_the_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = photographs(tmp_path / "photos")
-    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
+    (photos / "annotations.csv").unlink()
+    assert run(["import", str(photos), "--out", str(tmp_path / "none")]) == 1
     assert "`pliant annotate DIR`, which writes annotations.csv" in capsys.readouterr().err
 
 
 def test_the_cloth_scripts_of_the_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """They write bare pixels, and the vertices under a fold as if they were seen."""
     folder = tmp_path / "cloth"
-    (folder / "images").mkdir(parents=True)
+    for name in ("images", "image_masks"):
+        (folder / name).mkdir(parents=True)
     for frame in (1, 30):
         Image.effect_noise((40, 30), 60).save(folder / "images" / f"{frame:06d}_rgb.png")
+        drawn = Image.new("L", (40, 30))
+        drawn.putpixel((7, frame - 1), 255)
+        drawn.save(folder / "image_masks" / f"{frame:06d}_visible_mask.png")
     knots: dict[str, Any] = {"1": [[5, 6], [10, 20]], "30": [[7, 6], [13, 20]]}
     path = folder / "images" / "knots_info.json"
     path.write_text(json.dumps(knots))
@@ -145,15 +137,16 @@ def test_the_cloth_scripts_of_the_paper(tmp_path: Path, capsys: pytest.CaptureFi
     assert (0, 5.0, 6.0, 1, 7.0, 6.0, "visible") in asked(tmp_path / "out")
     config = dataset.info["provenance"]["config"]
     assert config["not_said"] == ["which points are hidden"]
+    mask = dataset.sequences[0][1].mask
+    assert mask is not None
+    assert np.argwhere(mask).tolist() == [[29, 7]]
     path.write_text(json.dumps({"1234": [0.1, 0.2, 0.3]}))
     assert run(["import", str(folder), "--out", str(tmp_path / "no")]) == 1
     assert "from which the frames cannot be recovered" in capsys.readouterr().err
 
 
-def test_masks_and_depth_are_kept(tmp_path: Path) -> None:
+def test_masks_and_depth_are_kept(photos: Path, tmp_path: Path) -> None:
     """Each is of the size of its picture; a resized one takes the nearest value, by hand here."""
-    folder = photographs(tmp_path / "photos")
-    (folder / "annotations.csv").write_text(CSV)
     masks, depths = tmp_path / "masks", tmp_path / "depth"
     masks.mkdir()
     depths.mkdir()
@@ -168,46 +161,35 @@ def test_masks_and_depth_are_kept(tmp_path: Path) -> None:
     Image.fromarray(np.full((20, 80), 1500, np.uint16)).save(depths / "ç.png")
     (depths / "ç.npy").unlink()
     options = ["--masks", str(masks), "--depth", str(depths), "--size", "40x30", "--kind", "bag"]
-    dataset = imported(folder, tmp_path / "out", *options)
+    dataset = imported(photos, tmp_path / "out", *options)
     assert dataset.tiers["out"].kind == "bag"
-    sequence = dataset.sequences[0]
-    first, wide = sequence[0], sequence[2]
-    assert first.surface is None
-    assert first.mask is not None
-    assert wide.mask is not None
-    expected = np.zeros((30, 40), bool)
-    expected[:15, :10] = True
-    np.testing.assert_array_equal(first.mask, expected)
-    wide_expected = np.zeros((30, 40), bool)
-    wide_expected[:5, :10] = True  # 80 x 20 becomes 40 x 10
-    np.testing.assert_array_equal(wide.mask, wide_expected)
-    near = first.depth_m
-    assert near is not None
-    assert np.isinf(near[0, 0])
-    assert (near[1:] == 0.5).all()
-    assert wide.depth_m is not None
-    assert (wide.depth_m[:10] == 1.5).all()
-    assert np.isinf(wide.depth_m[10:]).all()
     assert "depth" not in dataset.info["provenance"]["config"]["unknown"]
+    first, wide = dataset.sequences[0][0], dataset.sequences[0][2]
+    assert first.surface is None
+    depth_m, wide_depth_m = (np.full((30, 40), far, np.float32) for far in (0.5, np.inf))
+    depth_m[0, 0] = np.inf
+    wide_depth_m[:10] = 1.5  # 80 x 20 becomes 40 x 10
+    for frame, mask_rows, expected_m in ((first, 15, depth_m), (wide, 5, wide_depth_m)):
+        expected = np.zeros((30, 40), bool)
+        expected[:mask_rows, :10] = True
+        np.testing.assert_array_equal(frame.mask, expected)
+        np.testing.assert_array_equal(frame.depth_m, expected_m)
     done = tmp_path / "centroid.parquet"
     assert run(["predict", "centroid", "--data", str(tmp_path / "out"), "--out", str(done)]) == 0
     answer = read_table(done, "answers").to_pylist()[0]
     assert (answer["u"], answer["v"]) != (20.0, 15.0)  # the mask's middle, not the picture's
     (masks / "b.png").unlink()
-    (tmp_path / "x").mkdir()
-    assert run(["import", str(folder), "--out", str(tmp_path / "x/o"), *options]) == 2
+    assert run(["import", str(photos), "--out", str(tmp_path / "no"), *options]) == 2
 
 
-@pytest.mark.parametrize("given", [False, True])
 def test_the_ball_in_a_mask_is_not_the_rope(
-    given: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A strand 6 px thick with a disc of radius 9 px at its end; separated, or given apart."""
+    """A strand 6 px thick with a disc of radius 9 px at its end."""
     rows, columns = np.mgrid[:60, :160]
     strand = (abs(rows - 30) <= 3) & (columns > 20) & (columns < 150)
     ball = np.hypot(rows - 30, columns - 20) <= 9
-    masks = {"objects": strand | ball, "masks": strand & ~ball if given else strand | ball}
-    for name, mask in {**masks, "photos": strand}.items():
+    for name, mask in {"masks": strand | ball, "photos": strand}.items():
         (tmp_path / name).mkdir()
         for number, picture in enumerate(("a.png", "b.png")):
             grey = (mask * np.uint8(250 - number)).astype(np.uint8)
@@ -215,29 +197,11 @@ def test_the_ball_in_a_mask_is_not_the_rope(
     marks = "".join(f"{name}.png,end,149,30,1\n" for name in "ab")
     (tmp_path / "photos/annotations.csv").write_text("picture,point,x,y,visible\n" + marks)
     options = ["--masks", str(tmp_path / "masks")]
-    options += ["--objects", str(tmp_path / "objects")] if given else []
-    dataset = imported(tmp_path / "photos", tmp_path / "out", *options)
-    frame = dataset.sequences[0][0]
+    frame = imported(tmp_path / "photos", tmp_path / "out", *options).sequences[0][0]
     ids = frame.object_ids
     assert ids is not None
     assert frame.mask is not None
     assert (ids > 0).sum() == (strand | ball).sum()
-    assert (frame.mask & ball).sum() <= (0 if given else 40)  # the strand's own end in it
+    assert (frame.mask & ball).sum() <= 40  # the strand's own end in it
     assert (frame.mask & ~ball).sum() >= 0.97 * (strand & ~ball).sum()
-    assert ("separated from the masks of 2 of 2 frames" in capsys.readouterr().out) != given
-
-
-def test_masks_of_the_paper_are_read(tmp_path: Path) -> None:
-    folder = tmp_path / "rope"
-    for name in ("images", "image_masks"):
-        (folder / name).mkdir(parents=True)
-    for frame in range(2):
-        Image.effect_noise((40, 30), 60).save(folder / "images" / f"{frame:06d}_rgb.png")
-        drawn = Image.new("L", (40, 30))
-        drawn.putpixel((7, 5 + frame), 255)
-        drawn.save(folder / "image_masks" / f"{frame:06d}_visible_mask.png")
-    knots = {"0": [[[5, 6]]], "1": [[[7, 6]]]}
-    (folder / "images" / "knots_info.json").write_text(json.dumps(knots))
-    mask = imported(folder, tmp_path / "out").sequences[0][1].mask
-    assert mask is not None
-    assert np.argwhere(mask).tolist() == [[6, 7]]
+    assert "separated from the masks of 2 of 2 frames" in capsys.readouterr().out
