@@ -1,7 +1,4 @@
-"""What the whole suite shares: one tiny dataset and one tiny episode, made once and really.
-
-`PLIANT_TEST_CACHE=DIR` keeps them between runs; delete DIR after a change of the generator.
-"""
+"""What the whole suite shares: one tiny dataset and one tiny episode, made once and really."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ import shutil
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -21,10 +18,6 @@ from pliant.spec.limits import run_limited
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from pliant.generator.config import GenerateConfig
-    from pliant.generator.runner.progress import Summary
-    from pliant.generator.settings.cloth import ClothSettings
-    from pliant.generator.settings.rope import RopeSettings
     from tests.browser import Browser
 
 # One thread a process: the suite runs beside itself (pytest -n), and results must not depend
@@ -47,22 +40,15 @@ def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     configurations, with queries for validation and test. Rendered in style `fast` by Blender
     where it is installed, else by our own rasteriser. Cloths are coarser than by default.
     """
-    from pliant.generator.config import GenerateConfig, QuerySettings
-
-    _require_generator()
-    config = GenerateConfig(
+    return _made_once(
+        "tiny",
+        tmp_path_factory,
         tiers=("rope", "cloth-1", "cloth-3"),
         splits={"train": 2, "val": 1, "test": 2},
         frames=2,
-        width=160,
-        height=120,
         style="fast" if find_spec("bpy") else "raster",
-        rope=_tiny_rope(),
-        cloth=_tiny_cloth(),
-        queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=24),
-        id="tiny",
+        queries={"pairs_per_sequence": 2, "queries_per_pair": 24},
     )
-    return _made_once(config, "tiny-dataset", tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
@@ -71,22 +57,15 @@ def tiny_episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     160x120 px, style `raster`, with queries for test.
     """
-    from pliant.generator.config import GenerateConfig, QuerySettings
-
-    _require_generator()
-    config = GenerateConfig(
+    return _made_once(
+        "tiny-episode",
+        tmp_path_factory,
         tiers=("rope",),
         splits={"train": 1, "test": 1},
         frames=24,
         episodes=True,
-        width=160,
-        height=120,
-        style="raster",
-        rope=_tiny_rope(),
-        queries=QuerySettings(pairs_per_sequence=4, queries_per_pair=24),
-        id="tiny-episode",
+        queries={"pairs_per_sequence": 4, "queries_per_pair": 24},
     )
-    return _made_once(config, "tiny-episode", tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
@@ -96,20 +75,16 @@ def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Large enough for places between pixels to be measured; per tier 2 training and 1 test
     sequences of 3 configurations.
     """
-    from pliant.generator.config import GenerateConfig
-
-    _require_generator()
-    config = GenerateConfig(
+    return _made_once(
+        "rendered",
+        tmp_path_factory,
         tiers=("rope", "cloth-1"),
         splits={"train": 2, "test": 1},
         frames=3,
         width=320,
         height=240,
-        style="raster",
-        cloth=_tiny_cloth(),
-        id="rendered",
+        rope={},
     )
-    return _made_once(config, "rendered-dataset", tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
@@ -185,45 +160,32 @@ def browser() -> Iterator[Browser]:
         yield window
 
 
-def _tiny_rope() -> RopeSettings:
-    from pliant.generator.settings.rope import RopeSettings
-
-    return RopeSettings(knots={"overhand": 1.0})
-
-
-def _tiny_cloth() -> ClothSettings:
-    from pliant.generator.settings.cloth import ClothSettings
-
-    return ClothSettings(points_a_side=33, tracked_a_side=17)
-
-
-def _require_generator() -> None:
-    for name in ("numba", "scipy", "psutil"):
-        pytest.importorskip(name, reason="making the tiny dataset needs the extra 'generate'")
-
-
-def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a dataset once for all workers of pytest-xdist."""
+def _made_once(name: str, tmp_path_factory: pytest.TempPathFactory, **changes: Any) -> Path:
+    """Make a dataset of small pictures once for all workers of pytest-xdist."""
+    for module in ("numba", "scipy", "psutil"):
+        pytest.importorskip(module, reason="making the dataset needs the extra 'generate'")
     from filelock import FileLock
 
+    from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.run import generate
-    from pliant.spec.errors import CallError
+    from pliant.spec.configuration import settings_from
     from tests.generator.runner.standin import InProcess
 
-    def make() -> Summary:
-        return generate(config, out, engine=InProcess() if config.style == "raster" else "local")
-
+    values = {
+        "id": name,
+        "width": 160,
+        "height": 120,
+        "style": "raster",
+        "rope": {"knots": {"overhand": 1.0}},
+        "cloth": {"points_a_side": 33, "tracked_a_side": 17},
+    }
+    config = settings_from(GenerateConfig, {**values, **changes})
     base = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         base = base.parent
-    base = Path(os.environ.get("PLIANT_TEST_CACHE", base))
-    base.mkdir(parents=True, exist_ok=True)
     out = base / name
     with FileLock(base / f"{name}.lock"):
-        try:
-            summary = make()
-        except CallError:  # a cached set of other settings
-            shutil.rmtree(out)
-            summary = make()
+        engine = InProcess() if config.style == "raster" else "local"
+        summary = generate(config, out, engine=engine)
     assert not summary.failed, summary.failed[0].error
     return out

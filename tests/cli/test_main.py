@@ -84,15 +84,6 @@ def test_every_command_is_called_as_the_table_says(name: str) -> None:
     assert about.endswith(".")
 
 
-def test_help_imports_no_command() -> None:
-    """Every call starts with this module: it must not wait for NumPy."""
-    program = "import sys; from pliant.cli.main import run; run(['--help']); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    loaded = set(done.stdout.split())
-    assert not loaded & {"numpy", "pyarrow", "rich", "torch", "matplotlib"}
-    assert not loaded & {module for module, _ in COMMANDS.values()}
-
-
 def test_a_reader_that_goes_away_ends_the_command_silently() -> None:
     """`pliant … | head -0`."""
     script = "import sys\nfrom pliant.cli.main import run\nsys.exit(run(['methods']))"
