@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @json_option
 def command(
     reports: tuple[Path, ...], metrics: tuple[str, ...], out: Path | None, as_json: bool
-) -> int:
+) -> None:
     """Compare report folders of one protocol, dataset and split.
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
@@ -70,7 +70,7 @@ def command(
             ],
         }
         echo_json(document)
-        return 0
+        return
     _print_differences(scores, names, found, fewest)
     for (group, metric), places in standing.items():
         if group == "overall" and any(place > 1 for place in places):
@@ -79,7 +79,6 @@ def command(
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
     if out is not None:
         echo(f"Comparison: {out}")
-    return 0
 
 
 def _print_differences(

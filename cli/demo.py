@@ -33,7 +33,7 @@ def command(
     seed: int,
     workers: int | None,
     as_json: bool,
-) -> int:
+) -> None:
     """Render, validate, answer, score and report a small benchmark.
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB, the networks that come with
@@ -86,7 +86,6 @@ def command(
         echo(f"Serve the ropes as a challenge with: {serve}")
         if token is not None:
             echo(f"The host's token, shown this once: {token}")
-    return 0
 
 
 def _make_challenge(out: Path, data: Path) -> tuple[str, str | None]:

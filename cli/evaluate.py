@@ -61,7 +61,7 @@ def command(
     hide_truth: bool,
     workers: int,
     as_json: bool,
-) -> int:
+) -> None:
     """Score SUB.parquet against its dataset.
 
     Writes scores.json, per_pair.parquet and report.html into REPORT. A submission with anything
@@ -101,7 +101,6 @@ def command(
         echo_json(scores.document, sort_keys=True)
     else:
         _print(scores, out)
-    return 0
 
 
 def _notes(notes: Mapping[str, str]) -> list[str]:

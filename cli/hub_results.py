@@ -22,7 +22,7 @@ from pliant.spec.errors import CallError
 @json_option
 def command(
     scored: Path, dataset: str, split: str, url: str | None, out: Path, as_json: bool
-) -> int:
+) -> None:
     """Write the scores of REPORT or RECEIPT.json into MODEL/.eval_results.
 
     The Hub shows them on the model's page and on the dataset's leaderboard. The value is the
@@ -39,4 +39,3 @@ def command(
     entries = results(read_json(file), dataset, split=split, url=url)
     path = write_results(entries, out)
     echo_result({"file": str(path), "results": entries}, f"Results: {path}", as_json=as_json)
-    return 0

@@ -42,7 +42,7 @@ def command(
     private: Path | None,
     as_json: bool,
     **given: Any,
-) -> int:
+) -> None:
     """Package the dataset DIR for release: shards, description, checksums.
 
     DIR2 is the public half, ready to upload. With --hold-out, the truth of those splits and
@@ -75,7 +75,6 @@ def command(
             echo(f"{place}: the answers. Keep this folder to yourself.")
     for text in published.warnings:
         echo(f"Warning: {text}.", err=True)
-    return 0
 
 
 def parse_size(text: str) -> int:

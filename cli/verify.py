@@ -16,7 +16,7 @@ from pliant.cli.terminal import echo_result
 @path_option("--key", "KEY", "Public key of the challenge (PEM).", kind=FILE, required=True)
 @path_option("--file", "SUB.parquet", "Submission that the receipt must be of.", kind=FILE)
 @json_option
-def command(receipt: Path, key: Path, file: Path | None, as_json: bool) -> int:
+def command(receipt: Path, key: Path, file: Path | None, as_json: bool) -> None:
     """Verify that RECEIPT.json was signed by the challenge and not changed since.
 
     Exit code 0: genuine; 1: changed, or signed with another key.
@@ -34,4 +34,3 @@ def command(receipt: Path, key: Path, file: Path | None, as_json: bool) -> int:
         f"protocol {document['protocol']['name']} {document['protocol']['version']}."
     )
     echo_result({"valid": True, "receipt": document}, text, as_json=as_json)
-    return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,17 +50,32 @@ def artf(root: Path, *, unlabelled: bool = False) -> Path:
     return path
 
 
-def test_corners_of_a_towel_are_alternatives(tmp_path: Path) -> None:
-    """Answers that are a quarter turn off score perfectly where symmetries are forgiven."""
-    out = tmp_path / "ARTF"
-    dataset = imported(artf(tmp_path), out, "--kind", "towel", "--alike", ",".join(CORNERS))
+Rows = list[dict[str, Any]]
+
+
+def towels(root: Path, **of: bool) -> tuple[Rows, Rows]:
+    """Import the towels; return queries and truth."""
+    out = root / "ARTF"
+    dataset = imported(artf(root, **of), out, "--kind", "towel", "--alike", ",".join(CORNERS))
     assert len(dataset.tiers["ARTF"].symmetries) == 7
     assert "symmetries" not in json.loads((out / "dataset.json").read_bytes())["description"]
-    truth = tmp_path / "ARTF-truth" / "test.parquet"
     queries = read_table(out / "queries" / "test.parquet", "queries").to_pylist()
+    return queries, read_table(root / "ARTF-truth" / "test.parquet", "truth").to_pylist()
+
+
+def scored(root: Path, uv_px: list[tuple[float, ...]]) -> list[float]:
+    """RMSE: strict, under the best map of each pair, and under that of each point."""
+    truth = root / "ARTF-truth" / "test.parquet"
+    figures = evaluate(root / "ARTF", np.array(uv_px), truth=truth).overall
+    names = ("rmse_px", "symmetric_rmse_px", "point_symmetric_rmse_px")
+    return [figures[name] or 0.0 for name in names]
+
+
+def test_corners_of_a_towel_are_alternatives(tmp_path: Path) -> None:
+    """Answers that are a quarter turn off score perfectly where symmetries are forgiven."""
     exact: list[tuple[float, ...]] = []
     turned: list[tuple[float, ...]] = []
-    for row, query in zip(read_table(truth, "truth").to_pylist(), queries, strict=True):
+    for query, row in zip(*towels(tmp_path), strict=True):
         shown = [tuple(map(float, corner)) for corner in SHOWN[query["frame_b"]]]
         corner = shown.index((row["u_b"], row["v_b"]))
         places = [(each["u"], each["v"]) for each in row["alternatives"]]
@@ -69,35 +85,22 @@ def test_corners_of_a_towel_are_alternatives(tmp_path: Path) -> None:
         )
         exact.append(shown[corner])
         turned.append(shown[(corner + 1) % 4])
-    assert scored(out, truth, exact) == [0.0, 0.0, 0.0]
-    strict, by_pair, by_point = scored(out, truth, turned)
+    assert scored(tmp_path, exact) == [0.0, 0.0, 0.0]
+    strict, by_pair, by_point = scored(tmp_path, turned)
     assert strict > 20
     assert (by_pair, by_point) == (0.0, 0.0)
 
 
 def test_a_corner_without_a_label_is_no_alternative(tmp_path: Path) -> None:
-    out = tmp_path / "ARTF"
-    source = artf(tmp_path, unlabelled=True)
-    imported(source, out, "--kind", "towel", "--alike", ",".join(CORNERS))
-    truth = tmp_path / "ARTF-truth" / "test.parquet"
-    rows = read_table(truth, "truth").to_pylist()
-    queries = read_table(out / "queries" / "test.parquet", "queries").to_pylist()
+    queries, truth = towels(tmp_path, unlabelled=True)
     states = [
         each["visibility"]
-        for row, query in zip(rows, queries, strict=True)
+        for query, row in zip(queries, truth, strict=True)
         for each in row["alternatives"]
         if query["frame_b"] == 2
     ]
     assert set(states) == {"visible", "out_of_frame"}
-    exact: list[tuple[float, ...]] = [(row["u_b"], row["v_b"]) for row in rows]
-    assert scored(out, truth, exact) == [0.0, 0.0, 0.0]
-
-
-def scored(out: Path, truth: Path, uv_px: list[tuple[float, ...]]) -> list[float]:
-    """RMSE: strict, under the best map of each pair, and under that of each point."""
-    figures = evaluate(out, np.array(uv_px), truth=truth).overall
-    names = ("rmse_px", "symmetric_rmse_px", "point_symmetric_rmse_px")
-    return [figures[name] or 0.0 for name in names]
+    assert scored(tmp_path, [(row["u_b"], row["v_b"]) for row in truth]) == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def knots_folder(folder: Path, document: Any = KNOTS) -> Path:
 
 
 def test_knots_come_out_where_they_are(tmp_path: Path) -> None:
-    dataset = imported(knots_folder(tmp_path / "knots"), tmp_path / "out")
+    dataset = imported(knots_folder(tmp_path / "knots"), tmp_path / "out", "--licence", "CC0-1.0")
     assert asked_and_true(tmp_path / "out") == [
         # Box of the points seen in frame 1: u 7 to 13, v 6 to 20, so 15 rows are the longer side.
         (0, 5.0, 6.0, 1, 7.0, 6.0, "visible", 15.0),
@@ -58,16 +58,6 @@ def test_knots_come_out_where_they_are(tmp_path: Path) -> None:
     (sequence,) = dataset.sequences
     assert (sequence.frames, sequence.temporal, dataset.size) == (3, False, (WIDTH, HEIGHT))
     assert [int(sequence.rgb(frame)[0, 0, 0]) for frame in range(3)] == [0, 40, 80]
-
-
-def test_pixel_indices_are_half_a_pixel_further(tmp_path: Path) -> None:
-    imported(knots_folder(tmp_path / "knots"), tmp_path / "out", "--pixels", "index")
-    first = asked_and_true(tmp_path / "out")[0]
-    assert first == (0, 5.5, 6.5, 1, 7.5, 6.5, "visible", 15.0)
-
-
-def test_what_is_unknown_is_marked(tmp_path: Path) -> None:
-    dataset = imported(knots_folder(tmp_path / "knots"), tmp_path / "out", "--licence", "CC0-1.0")
     provenance = dataset.info["provenance"]
     assert provenance["seed"] is None
     assert {"depth", "cameras", "scale"} <= set(provenance["config"]["unknown"])
@@ -120,24 +110,17 @@ def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
     assert len(set(read_table(files[0], "truth")["pair_id"].to_pylist())) == 3
 
 
-def test_size_beyond_the_limit_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_calls_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = knots_folder(tmp_path / "knots")
-    command = ["import", str(source), "--out", str(tmp_path / "out"), "--size"]
-    assert run([*command, "9000x100"]) == 2
-    assert "found 9000x100; required: sides of at most 8,192 px" in capsys.readouterr().err
-    assert run([*command, "8000x8000"]) == 2
-    assert "16,777,216 pixels in all" in capsys.readouterr().err
-    for size in ("0x5", "5", "5x5x5", "-5x5"):
-        assert run([*command, size]) == 2
-        assert "--size: the size" in capsys.readouterr().err
-
-
-def test_folder_that_is_there_is_not_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source = knots_folder(tmp_path / "knots")
+    command = ["import", str(source), "--out", str(tmp_path / "out")]
+    sizes = {
+        "9000x100": "found 9000x100; required: sides of at most 8,192 px",
+        "8000x8000": "16,777,216 pixels in all",
+        **dict.fromkeys(("0x5", "5", "5x5x5", "-5x5"), "--size: the size"),
+    }
+    for size, said in sizes.items():
+        assert run([*command, "--size", size]) == 2
+        assert said in capsys.readouterr().err
     (tmp_path / "out-truth").mkdir()
-    assert run(["import", str(source), "--out", str(tmp_path / "out")]) == 2
+    assert run(command) == 2
     assert "the folder is there already" in capsys.readouterr().err

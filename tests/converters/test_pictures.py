@@ -172,8 +172,8 @@ def test_masks_and_depth_are_kept(photos: Path, tmp_path: Path) -> None:
     for frame, mask_rows, expected_m in ((first, 15, depth_m), (wide, 5, wide_depth_m)):
         expected = np.zeros((30, 40), bool)
         expected[:mask_rows, :10] = True
-        np.testing.assert_array_equal(frame.mask, expected)
-        np.testing.assert_array_equal(frame.depth_m, expected_m)
+        np.testing.assert_array_equal(np.asarray(frame.mask), expected)
+        np.testing.assert_array_equal(np.asarray(frame.depth_m), expected_m)
     done = tmp_path / "centroid.parquet"
     assert run(["predict", "centroid", "--data", str(tmp_path / "out"), "--out", str(done)]) == 0
     answer = read_table(done, "answers").to_pylist()[0]

@@ -28,12 +28,11 @@ from coverage import Coverage
 from tests.mutation.mutants import Mutant
 
 KILLED, SURVIVED, UNCOVERED, TIMEOUT = "killed", "survived", "uncovered", "timeout"
-HUNG = "hung"
 Functions = dict[tuple[Path, str, int], list[FunctionType]]
 MOST_TESTS = 250  # per mutant: the failed one is the exit code of the fork
 WALL_S = 900
 """A fork that takes longer hangs, at a lock that its parent had, or the machine is overloaded: that
-says nothing about the mutant."""
+says nothing about the mutant, which counts as surviving."""
 
 
 class Runner:
@@ -98,8 +97,6 @@ class Runner:
         )
         if failed is None:
             return TIMEOUT, None
-        if failed == -2:
-            return HUNG, None
         return (SURVIVED, None) if failed < 0 else (KILLED, chosen[failed])
 
     def _passes_unchanged(self, item: pytest.Item) -> bool:
@@ -191,9 +188,9 @@ class Runner:
         return found
 
     def _fork(self, run: Callable[[], int], cpu_s: float) -> int | None:
-        """Return what `run` returns in a fork, -1 to 253; None if it takes too long or dies.
+        """Return what `run` returns in a fork, -1 to 253; None if it takes too much CPU or dies.
 
-        -2 after `WALL_S`.
+        -1 after `WALL_S`.
         """
         child = os.fork()
         if child == 0:
@@ -212,7 +209,7 @@ class Runner:
         with suppress(ProcessLookupError):
             os.killpg(child, signal.SIGKILL)  # what a killed test has left
         if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGALRM:
-            return -2
+            return -1
         if os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 255:
             return None
         return os.WEXITSTATUS(status) - 1
