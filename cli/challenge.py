@@ -238,12 +238,3 @@ def _passphrase(path: Path | None) -> bytes | None:
     if not text:
         raise CallError("the passphrase is empty", path=path)
     return text
-
-
-def serve_challenge(root: Path, **options: Any) -> None:
-    """Serve a challenge; see `pliant.service.server.ServeOptions`."""
-    require_service()
-    from pliant.service.server import ServeOptions, serve
-
-    echo(f"Serving {root} on http://{options['host']}:{options['port']}; Ctrl-C stops it.")
-    serve(root, ServeOptions(**options))

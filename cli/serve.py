@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.challenge import database_option, serve_challenge
+from pliant.cli.challenge import database_option, require_service
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
+from pliant.cli.terminal import echo
 
 
 @click.command("serve")
@@ -49,15 +50,20 @@ def command(
     stops it; running jobs are finished first.
     """
     if (place / "challenge.yaml").is_file():
-        serve_challenge(
-            place,
+        require_service()
+        from pliant.service.server import ServeOptions, serve
+
+        port = port or 8000
+        options = ServeOptions(
             host=host,
-            port=port or 8000,
+            port=port,
             workers=workers,
             database_url=database,
             base_url=base_url,
             trusted_proxy=trusted_proxy,
         )
+        echo(f"Serving {place} on http://{host}:{port}; Ctrl-C stops it.")
+        serve(place, options)
         return
     from pliant.viewer.local_app import site_server
 

@@ -70,14 +70,9 @@ def test_without_blender_the_extra_is_named_and_nothing_is_written(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.fixture
-def trials_here(monkeypatch):
-    """Make the trial sequences of a plan in this process."""
+def test_generate_resume_refuse_and_dry_run(tmp_path, capsys, monkeypatch):
+    # The trial sequences of a plan are made in this process.
     monkeypatch.setattr("pliant.generator.runner.estimate.LocalEngine", lambda _: InProcess())
-
-
-@pytest.mark.usefixtures("trials_here")
-def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     out = str(tmp_path / "set")
     call = ["generate", "rope", "--out", out, *SMALL, "--json"]
     assert run([*call, "--dry-run"]) == 0
@@ -85,6 +80,10 @@ def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     assert (plan["sequences"], plan["missing"], plan["frames"]) == (2, 2, 2)
     assert plan["estimated_bytes"] > 0
     assert plan["files"] == 12
+    assert run([*call[:-1], "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "2 sequences (rope; per tier test 2) of 1 frame (configurations): 2 images" in text
+    assert "Nothing was written." in text
     assert not (tmp_path / "set").exists()
 
     assert run(call) == 0
@@ -100,11 +99,3 @@ def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     assert run(["generate", "ropes", "--out", out]) == 2
     assert run(["generate", "--out", out]) == 2
     assert run([*call, "--workers", "0"]) == 2
-
-
-@pytest.mark.usefixtures("trials_here")
-def test_a_plan_in_words(tmp_path, capsys):
-    assert run(["generate", "rope", "--out", str(tmp_path / "s"), *SMALL, "--dry-run"]) == 0
-    text = capsys.readouterr().out
-    assert "2 sequences (rope; per tier test 2) of 1 frame (configurations): 2 images" in text
-    assert "Nothing was written." in text
