@@ -224,7 +224,7 @@ UNREADABLE = [
     *(
         pytest.param(*each, marks=pytest.mark.long)
         for each in INPUTS
-        if each[1].split()[0] in ("info", "compare", "generate")
+        if each[1].startswith(("info", "compare", "generate", "match orb --source PICTURE"))
     ),
 ]
 
