@@ -121,17 +121,12 @@ BAD_INPUTS: dict[str, tuple[str, str]] = {
     "wide.png": ("wide", "9000x4 px; at most 8192 px a side: make it smaller"),
     "folder.png": ("folder", "a picture is needed, not a folder"),
     "missing.png": ("missing", "picture not found"),
-    "cmyk.jpg": ("CMYK", ""),
-    "sixteen.png": ("16 bit", ""),
-    "moving.gif": ("GIF", ""),
-    "palette.png": ("palette", ""),
-    "turned.jpg": ("EXIF", ""),
+    "cmyk.jpg": ("CMYK", ""),  # the other kinds that are read are in tests/viewer
 }
 
 
 def bad_input(path: Path, kind: str) -> None:
-    rgb = np.random.default_rng(2).integers(0, 256, (40, 60, 3)).astype(np.uint8)
-    picture, exif = Image.fromarray(rgb), Image.Exif()
+    picture = Image.effect_noise((60, 40), 60)
     if kind == "text":
         path.write_text("not a picture")
     elif kind in ("empty", "folder"):
@@ -141,12 +136,8 @@ def bad_input(path: Path, kind: str) -> None:
     elif kind == "truncated":
         picture.save(path)
         path.write_bytes(path.read_bytes()[:900])
-    elif kind == "16 bit":
-        Image.fromarray(rgb[..., 0].astype(np.uint16) << 8).save(path)
-    elif kind != "missing":
-        exif[0x0112] = 6 if kind == "EXIF" else 1
-        form = {"CMYK": "CMYK", "palette": "P", "GIF": "P"}.get(kind, "RGB")
-        picture.convert(form).save(path, exif=exif)
+    elif kind == "CMYK":
+        picture.convert("CMYK").save(path)
 
 
 @pytest.mark.parametrize("name", BAD_INPUTS)
