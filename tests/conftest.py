@@ -185,7 +185,6 @@ def _made_once(name: str, tmp_path_factory: pytest.TempPathFactory, **changes: A
         base = base.parent
     out = base / name
     with FileLock(base / f"{name}.lock"):
-        engine = InProcess() if config.style == "raster" else "local"
-        summary = generate(config, out, engine=engine)
+        summary = generate(config, out, engine=InProcess() if config.style == "raster" else "local")
     assert not summary.failed, summary.failed[0].error
     return out

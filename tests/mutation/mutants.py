@@ -177,7 +177,8 @@ def _alternatives(node: ast.AST) -> Iterator[ast.AST]:
             if not (isinstance(value, ast.Constant) and value.value is None):
                 yield ast.Return(ast.Constant(None))
         case ast.If() | ast.While() | ast.IfExp() if _negatable(node.test):
-            yield type(node)(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse)
+            kind: Any = type(node)
+            yield kind(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse)
         case ast.comprehension(ifs=[first, *rest]) if _negatable(first):
             ifs: list[ast.expr] = [ast.UnaryOp(ast.Not(), first), *rest]
             yield ast.comprehension(node.target, node.iter, ifs, node.is_async)
