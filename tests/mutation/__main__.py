@@ -50,7 +50,7 @@ TARGETS = {
         "evaluator/statistics",
         ("tests/evaluator/test_statistics_by_hand.py", "tests/evaluator/test_sign_flips.py"),
     ),
-    "metrics": Target("evaluator/metrics", ("tests/evaluator",)),
+    "metrics": Target("evaluator/metrics", ("tests/evaluator",), "not browser"),
     "validation": Target("spec/validation", ("tests/spec/validation",)),
     "truth": Target(
         "generator/truth",
