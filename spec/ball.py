@@ -11,7 +11,8 @@ by side are thick without being round.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -42,26 +43,6 @@ _LARGEST_HOLE: Final = 0.005
 """Holes up to this share of the mask are filled: next to one, a rope seems thinner than it is."""
 
 _EIGHT: Final = np.ones((3, 3), np.bool_)
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A part of a mask that is thicker than the rope.
-
-    Attributes:
-        part: bool (H, W), what an opening leaves of it.
-        thickness: Its depth at the deepest place, in half widths of the rope.
-        roundness: Its area over that of the largest disc inside it; 1 for a disc.
-    """
-
-    part: Mask
-    thickness: float
-    roundness: float
-
-    @property
-    def score(self) -> float:
-        """How much it looks like a ball."""
-        return self.thickness / self.roundness
 
 
 def without_small_holes(mask: Mask) -> Mask:
@@ -113,29 +94,32 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     if not ridge.any():
         return mask, None
     half_px = float(np.median(depth_px[ridge]))
-    likely = [each for each in _candidates(depth_px, half_px) if each.thickness <= _LARGEST_BALL]
-    best = max(likely, key=lambda each: each.score, default=None)
-    if best is None or best.score < _LEAST_BALL:
+    score, part = max(_candidates(depth_px, half_px), key=itemgetter(0), default=(0.0, mask))
+    if score < _LEAST_BALL:
         return mask, None
-    ball = best.part & mask
+    ball = part & mask
     rope = _without_crumbs(mask & ~ball, ball, half_px)
     if rope.sum() < _LEAST_ROPE * (2 * half_px) ** 2:
         return mask, None
     return rope, mask & ~rope
 
 
-def _candidates(depth_px: FloatArray, half_px: float) -> list[_Candidate]:
-    """Return the parts that are thick enough for a ball of a rope of a half width."""
-    found = []
+def _candidates(depth_px: FloatArray, half_px: float) -> Iterator[tuple[float, Mask]]:
+    """Yield the parts that are as thick as a ball of a rope of a half width.
+
+    Each is what an opening leaves of it, bool (H, W), after its score: its depth in half widths,
+    over its roundness, which is its area over that of the largest disc inside it.
+    """
     for row, column in thick_places(depth_px, _THICK * half_px):
         radius_px = float(depth_px[row, column])
+        if radius_px / half_px > _LARGEST_BALL:
+            continue
         opened_px = (half_px + radius_px) / 2
         cores, _ = ndimage.label(depth_px > opened_px)
         to_core_px = ndimage.distance_transform_edt(cores != cores[row, column])
         part = (to_core_px <= opened_px) & (depth_px > 0)
         roundness = float(part.sum() / (np.pi * radius_px**2))
-        found.append(_Candidate(part, radius_px / half_px, roundness))
-    return found
+        yield radius_px / half_px / roundness, part
 
 
 def _without_crumbs(rope: Mask, ball: Mask, half_px: float) -> Mask:
