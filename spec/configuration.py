@@ -8,7 +8,6 @@ suggestions, and the plain values that a dataset or a run stores.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import typing
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
 import pydantic
+from pydantic_core import to_jsonable_python
 
 from pliant.spec.constraints import Refused, did_you_mean, unit_of
 from pliant.spec.errors import CallError
@@ -201,18 +201,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def settings_to_dict(settings: Any) -> Any:
     """Return settings, or any dataclass, as JSON values: nested mappings, lists and scalars."""
-    if isinstance(settings, pydantic.BaseModel):
-        return settings_to_dict(_values(settings))
-    if dataclasses.is_dataclass(settings) and not isinstance(settings, type):
-        return {
-            each.name: settings_to_dict(getattr(settings, each.name))
-            for each in dataclasses.fields(settings)
-        }
-    if isinstance(settings, Mapping):
-        return {str(key): settings_to_dict(value) for key, value in settings.items()}
-    if isinstance(settings, list | tuple):
-        return [settings_to_dict(value) for value in settings]
-    return settings
+    return to_jsonable_python(settings, serialize_as_any=True)
 
 
 def _values(settings: pydantic.BaseModel) -> dict[str, Any]:
