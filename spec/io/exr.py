@@ -98,12 +98,8 @@ def write_surface(path: Path | str, surface: Surface) -> None:
         ValueError: An array has another type or shape.
     """
     shape = surface.depth_m.shape
-    channels = {
-        "Z": surface.depth_m,
-        "surface.m0": surface.m0,
-        "surface.m1": surface.m1,
-        "surface.object": surface.object_id,
-    }
+    arrays = (surface.depth_m, surface.m0, surface.m1, surface.object_id)
+    channels = dict(zip(CHANNELS, arrays, strict=True))
     for name, array in channels.items():
         kind = np.dtype(np.uint32 if name == "surface.object" else np.float32)
         if array.dtype != kind or array.shape != shape or array.ndim != 2 or array.size == 0:
@@ -154,9 +150,7 @@ def read_surface(
     arrays = _read(path, size, CHANNELS)
     if writable:
         arrays = {name: array.copy() for name, array in arrays.items()}
-    return Surface(
-        arrays["Z"], arrays["surface.m0"], arrays["surface.m1"], arrays["surface.object"]
-    )
+    return Surface(*arrays.values())
 
 
 def read_camera_depth(
