@@ -1,15 +1,10 @@
 from __future__ import annotations
 
-import ast
 import os
-from pathlib import Path
 
 import pytest
 
 from pliant.spec.cores import cpu_cores
-
-ROOT = Path(__file__).parents[2]
-GUARDED = {"spec/cores.py", "generator/runner/engine_local.py", "benchmarks/generation.py"}
 
 
 def test_cores_are_those_of_the_process_or_without_affinity_those_of_the_machine(
@@ -22,15 +17,3 @@ def test_cores_are_those_of_the_process_or_without_affinity_those_of_the_machine
     assert cpu_cores() == 7
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert cpu_cores() == 1
-
-
-def test_nobody_else_asks_for_the_affinity_that_macos_does_not_know() -> None:
-    rooms = ("benchmarks", "cli", "generator", "models", "spec", "viewer", "loaders", "evaluator")
-    users = {
-        path.relative_to(ROOT).as_posix()
-        for room in rooms
-        for path in (ROOT / room).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Attribute) and node.attr == "sched_getaffinity"
-    }
-    assert users <= GUARDED

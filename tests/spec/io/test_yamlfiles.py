@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import re
 from pathlib import Path
 
 import pytest
@@ -153,18 +152,3 @@ def test_what_is_written_reads_the_same_in_both_versions() -> None:
     assert yaml.safe_load(text) == document
     assert "&" not in text
     assert not any(isinstance(v, datetime.date) for v in parse_yaml(text)["texts"])
-
-
-def test_all_yaml_of_the_repository_is_read() -> None:
-    files = [p for top in ("benchmarks", "models") for p in (ROOT / top).rglob("*.yaml")]
-    assert len(files) > 10
-    for path in files:
-        assert isinstance(read_yaml(path), dict)
-
-
-def test_no_other_loader_is_used() -> None:
-    folders = ["baselines", "benchmarks", "cli", "converters", "evaluator", "generator", "loaders"]
-    for top in [*folders, "models", "publishing", "spec", "viewer"]:
-        for path in (ROOT / top).rglob("*.py"):
-            if path != ROOT / "spec" / "io" / "yamlfiles.py":
-                assert not re.search(r"yaml\.\w*load", path.read_text(encoding="utf-8")), path
