@@ -5,15 +5,14 @@
 Every reader runs in a process of its own: at most 5 CPU seconds an input, 2 GiB in all, and for an
 input 100 MB more than twice the size of the arrays that it returns. It goes on from the
 inputs that earlier runs kept below build/fuzz. What it finds is written to
-tests/fuzz/findings/READER-…, which `test_findings.py` replays. At the end a table shows what all
-runs did together (build/fuzz/figures.json). Exit code 1: something was found.
+tests/fuzz/findings/READER-…, which `test_findings.py` replays. libFuzzer's counts are printed
+after each reader. Exit code 1: something was found.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import logging
 import os
 import re
@@ -22,7 +21,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -57,7 +56,6 @@ def main() -> int:
     failed = []
     for name in names:
         print(f"{name}: {each} s", flush=True)
-        start = time.monotonic()
         with tempfile.TemporaryDirectory(dir=SCRATCH) as place:  # libFuzzer tidies nothing up
             child = os.fork()  # the imports are made and instrumented once
             if child == 0:
@@ -66,11 +64,10 @@ def main() -> int:
                     fuzz(name, READERS[name], each)
             status = os.waitpid(child, 0)[1]
         text = log.read_text(errors="replace")
-        record(name, text, round(time.monotonic() - start))
+        print("\n".join(re.findall(r"^stat::.*", text, re.MULTILINE)), flush=True)
         if status:
             failed.append(name)
             print(text[-4000:], flush=True)
-    print(table(json.loads((BUILD / "figures.json").read_text())))
     print(f"findings in: {', '.join(failed) or 'none'}")
     return 1 if failed else 0
 
@@ -87,32 +84,6 @@ def redirected(stream: IO[bytes]) -> Iterator[None]:
         for number, copy in zip((1, 2), kept, strict=True):
             os.dup2(copy, number)
             os.close(copy)
-
-
-def record(name: str, log: str, seconds: int) -> None:
-    """Add what a child did to build/fuzz/figures.json."""
-    path = BUILD / "figures.json"
-    figures = json.loads(path.read_text()) if path.is_file() else {}
-    entry = figures.setdefault(name, {"executions": 0, "seconds": 0, "peak_mb": 0})
-    lines = re.findall(r"^#(\d+)\t.*rss: (\d+)Mb", log, re.MULTILINE)
-    if lines:
-        entry["executions"] += int(lines[-1][0])
-        entry["seconds"] += seconds
-        entry["peak_mb"] = max(entry["peak_mb"], int(lines[-1][1]))
-    path.write_text(json.dumps(figures, indent=1) + "\n")
-
-
-def table(figures: Mapping[str, Mapping[str, int]]) -> str:
-    """Return the figures as a Markdown table."""
-    lines = ["| reader | executions | seconds | peak memory, MB |", "|---|---:|---:|---:|"]
-    for name, each in figures.items():
-        lines.append(
-            f"| `{name}` | {each['executions']:,} | {each['seconds']} | {each['peak_mb']} |"
-        )
-    total, seconds = (
-        sum(each[key] for each in figures.values()) for key in ("executions", "seconds")
-    )
-    return "\n".join([*lines, f"| all | {total:,} | {seconds} | |"])
 
 
 def fuzz(name: str, reader: Reader, seconds: int) -> None:

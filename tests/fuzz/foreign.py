@@ -8,11 +8,12 @@ import tempfile
 import zipfile
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import torch
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from PIL import Image
 from safetensors.torch import save
 
@@ -105,11 +106,8 @@ def _receipts() -> list[bytes]:
 
 
 def _public_key() -> list[bytes]:
-    from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
-
-    key = _KEY.public_key()
-    forms: list[Any] = [(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)]
-    return [key.public_bytes(*form) for form in forms]
+    form = PublicFormat.SubjectPublicKeyInfo
+    return [_KEY.public_key().public_bytes(Encoding.PEM, form)]
 
 
 def _overrides(path: Path) -> object:

@@ -5,6 +5,7 @@ A reader may return, or raise a `PliantError`. Anything else is a finding.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -47,16 +48,15 @@ _MANIFEST: Final = """{"spec_version": "1.0.0", "half": "public", "held_out": ["
  "checksums_sha256": "%s", "other_sha256": null}""" % ("0" * 64)
 
 READERS: Final[dict[str, Reader]] = {
-    "json-dataset": Reader(
-        lambda path: read_json(path, "dataset"), files(SAMPLE, "dataset.json"), ".json"
-    ),
-    "json-sequence": Reader(
-        lambda path: read_json(path, "sequence"), of_sample("sequence.json"), ".json"
-    ),
-    "json-cameras": Reader(
-        lambda path: read_json(path, "cameras"), of_sample("cameras.json"), ".json"
-    ),
-    "json-manifest": Reader(lambda path: read_json(path, "manifest"), texts(_MANIFEST), ".json"),
+    **{
+        f"json-{schema}": Reader(partial(read_json, schema=schema), seeds, ".json")
+        for schema, seeds in {
+            "dataset": files(SAMPLE, "dataset.json"),
+            "sequence": of_sample("sequence.json"),
+            "cameras": of_sample("cameras.json"),
+            "manifest": texts(_MANIFEST),
+        }.items()
+    },
     "checksums": Reader(read_checksums, texts(f"{'0' * 64}  a/b\n{'1' * 64}  c d\n")),
     "parquet": Reader(_tables, of_sample("points.parquet", "correspondences.parquet"), ".parquet"),
     "parquet-footer": Reader(read_column_chunks, of_sample("points.parquet"), ".parquet"),

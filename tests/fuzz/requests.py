@@ -19,6 +19,7 @@ from urllib.parse import unquote
 
 import h11
 
+from pliant.baselines import METHODS
 from pliant.publishing import PublishSettings, publish
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
@@ -138,19 +139,12 @@ def viewer() -> tuple[Any, ...]:
     dataset = Dataset.open(SAMPLE)
     for frame in range(2):
         write_rgb(pictures / f"{frame}.png", dataset.frame("rope-train-000000", frame).rgb)
-    methods = {"identity": _identity}
-    explorer = open_explorer(dataset, ["identity"], lambda name: methods[name]())
+    explorer = open_explorer(dataset, ["identity"], lambda name: METHODS[name]())
     return (
         explorer.application("explore"),
         annotate_application(Annotation(pictures), None, "annotate"),
         site_application(site),
     )
-
-
-def _identity() -> Any:
-    from pliant.baselines import METHODS
-
-    return METHODS["identity"]()
 
 
 def service_requests() -> list[bytes]:
