@@ -1,7 +1,7 @@
 """Disturbs every call by which a command changes files, one at a time, and checks what is left.
 
-    python -m tests.faults [COMMAND…] [--sample N] [--seed S] [--operation NAME]
-        [--point CALL:KIND] [--json F]
+    python -m tests.faults [COMMAND…] [--sample N] [--seed S] [--point CALL:KIND]
+        [--json F]
 
 A crash, a torn write, a full disk, EIO or EINTR; then the same command runs again. The first run
 must end with the undisturbed result or one error and the earlier state; the second one with the
@@ -20,7 +20,7 @@ from typing import Any
 
 from tests.faults.checking import Trial
 from tests.faults.commands import COMMANDS
-from tests.faults.injection import OPERATIONS, Point, points_of, under_the_library
+from tests.faults.injection import Point, points_of, under_the_library
 from tests.faults.inputs import make_inputs
 
 
@@ -29,9 +29,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sample", type=int, help="so many points of each command; default: all")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
-    parser.add_argument("--operation", choices=OPERATIONS.values(), help="only calls of this kind")
     parser.add_argument("--point", help="CALL:KIND, such as '12:torn write'")
-    parser.add_argument("--data", type=Path, help="a small dataset; default: one is generated")
     parser.add_argument("--json", type=Path, help="file for the figures")
     parser.add_argument("commands", nargs="*", metavar="COMMAND")
     arguments = parser.parse_args()
@@ -40,7 +38,7 @@ def main() -> int:
         (place / "inputs").mkdir()
         names = arguments.commands or list(COMMANDS)
         if any(COMMANDS[name].inputs for name in names):
-            make_inputs(place / "inputs", arguments.data)
+            make_inputs(place / "inputs")
         found = {}
         for name in names:
             trial = Trial(name, COMMANDS[name], place)
@@ -60,9 +58,7 @@ def chosen(trial: Trial, arguments: argparse.Namespace) -> list[Point]:
     if arguments.point:
         call, _, kind = arguments.point.partition(":")
         return [Point(int(call), kind)]
-    wanted = arguments.operation
-    names = [OPERATIONS[letter] for letter in trial.operations]
-    points = [each for each in points_of(trial.operations) if wanted in (None, names[each.call])]
+    points = points_of(trial.operations)
     if arguments.sample is None or arguments.sample >= len(points):
         return points
     return sorted(random.Random(arguments.seed).sample(points, arguments.sample))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import shutil
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,10 +26,19 @@ from pliant.service.worker import Worker
 from pliant.spec.errors import PliantError
 
 
+@contextmanager
+def opened(root: Path) -> Iterator[Challenge]:
+    """Open a challenge, and close its database at the end."""
+    challenge = Challenge.open(root, None)
+    try:
+        yield challenge
+    finally:
+        challenge.database.engine.dispose()
+
+
 def books(root: Path) -> Any:
     """Return what a challenge contains, but random keys and tokens; check its audit log."""
-    challenge = Challenge.open(root, None)
-    with closing_engine(challenge), challenge.database.read() as session:
+    with opened(root) as challenge, challenge.database.read() as session:
         verify_log(session)
         tables = (Token, Submission, Score, LedgerEntry)
         return (
@@ -44,28 +54,20 @@ def books(root: Path) -> Any:
 
 def credits_of(root: Path) -> int:
     """Return the attempts that were given in a challenge."""
-    challenge = Challenge.open(root, None)
-    with closing_engine(challenge), challenge.database.read() as session:
+    with opened(root) as challenge, challenge.database.read() as session:
         given = select(func.sum(LedgerEntry.amount)).where(LedgerEntry.kind == CREDIT)
         return session.scalar(given) or 0
 
 
-def closing_engine(challenge: Challenge) -> closing[Any]:
-    """Close a challenge's database at the end."""
-    engine = challenge.database.engine
-    return closing(type("Engine", (), {"close": engine.dispose})())
-
-
 def send(root: Path, file: Path) -> None:
     """Put a submission into the queue, as the web process does."""
-    challenge = Challenge.open(root, None)
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
-    incoming = challenge.incoming / "given.parquet"
-    shutil.copyfile(file, incoming)
-    challenge.store.put(incoming, sha256)
-    incoming.unlink()
     upload = Upload(sha256, "given.parquet", file.stat().st_size, False)
-    with closing_engine(challenge), challenge.database.write() as session:
+    with opened(root) as challenge, challenge.database.write() as session:
+        incoming = challenge.incoming / "given.parquet"
+        shutil.copyfile(file, incoming)
+        challenge.store.put(incoming, sha256)
+        incoming.unlink()
         team = invite(session, "Team", actor="host")[0]
         who = Identity(team.id, team.name, False, "none")
         accept(session, challenge, challenge.settings.phases[0], who, upload)
@@ -82,8 +84,7 @@ def work(root: Path) -> int:
 
     vars(worker_module)["time"] = SimpleNamespace(sleep=sleep, monotonic=time.monotonic)
     try:
-        challenge = Challenge.open(root, None)
-        with closing_engine(challenge):
+        with opened(root) as challenge:
             with challenge.database.write() as session:
                 session.execute(text("UPDATE job SET lease_until_ms = 0 WHERE state = 'leased'"))
             worker = Worker(challenge, lambda task, limits: score(task))

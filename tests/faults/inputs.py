@@ -17,23 +17,13 @@ def pliant(*arguments: object) -> int:
     return run([str(each) for each in arguments])
 
 
-def make_inputs(inputs: Path, data: Path | None) -> None:
-    """Make everything that the commands read.
-
-    Args:
-        inputs: An empty folder.
-        data: A small dataset of a rope; None generates one.
-    """
+def make_inputs(inputs: Path) -> None:
+    """Make everything that the commands read, in an empty folder."""
     quiet = io.StringIO()
     made = inputs / "data"
     with redirect_stdout(quiet), redirect_stderr(quiet):
-        if data is None:
-            size = ("--size", "64x64", "--style", "raster", "--workers", 1)
-            codes = [pliant("generate", "rope", "--sequences", 3, "--frames", 2, *size,
-                            "--out", made)]  # fmt: skip
-        else:
-            shutil.copytree(data, made, ignore=shutil.ignore_patterns(".pliant"))
-            codes = [0]
+        size = ("--size", "64x64", "--style", "raster", "--workers", 1)
+        codes = [pliant("generate", "rope", "--sequences", 3, "--frames", 2, *size, "--out", made)]
         for name in ("identity", "centroid"):
             file = inputs / f"{name}.parquet"
             codes += [
