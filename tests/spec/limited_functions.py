@@ -1,18 +1,14 @@
-"""What the child processes of test_limits.py run: functions that go wrong, each in one way."""
+"""What the child processes of test_limits.py run: what no function of a library does."""
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import socket
-import sys
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from pliant.spec.errors import Issue, MissingExtraError, SubmissionError
 
@@ -22,37 +18,9 @@ def double(values: np.ndarray) -> np.ndarray:
     return values * 2
 
 
-def table(rows: int) -> pa.Table:
-    return pa.table({"u": np.arange(rows, dtype=np.float64), "name": ["a"] * rows})
-
-
-def take_memory(size: int) -> int:
-    return len(np.ones(size, np.uint8))
-
-
-def take_memory_in_arrow(size: int) -> int:
-    return int(pa.allocate_buffer(size).size)
-
-
 def loop() -> None:
     while True:
         pass
-
-
-def sleep(seconds: float) -> None:
-    time.sleep(seconds)
-
-
-def crash() -> None:
-    ctypes.string_at(0)
-
-
-def leave(status: int) -> None:
-    sys.exit(status)
-
-
-def write(path: Path, size: int) -> None:
-    path.write_bytes(bytes(size))
 
 
 def fork_and_stay(record: Path) -> str:
@@ -76,10 +44,6 @@ def need_extra() -> None:
 
 def fail() -> None:
     raise ZeroDivisionError("a fault of the code")
-
-
-def temporary_folder() -> str:
-    return tempfile.mkdtemp()
 
 
 def connect(port: int) -> str:

@@ -38,33 +38,27 @@ def test_round_trip_in_declared_types(tmp_path: Path) -> None:
     assert found.column("partners").to_pylist() == [[0], [1], [2], [3]]
     footer = read_footer(path)
     assert footer == {"spec_version": "1.0.0", "table": "points", "sequence": "rope-train-000000"}
+    assert read_table(path, "points", ["m1", "point"]).column_names == ["m1", "point"]
+    write_table(tmp_path / "again", points(), "points", {"sequence": "rope-train-000000"})
+    assert (tmp_path / "again").read_bytes() == path.read_bytes()
     # Units and meaning travel with the file.
     assert pq.read_schema(path).field("m0").metadata[b"doc"]
 
 
-def test_equal_tables_give_equal_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        write_table(tmp_path / name, points(), "points")
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_selected_columns(tmp_path: Path) -> None:
-    write_table(tmp_path / "a", points(), "points")
-    assert read_table(tmp_path / "a", "points", ["m1", "point"]).column_names == ["m1", "point"]
-
-
-@pytest.mark.parametrize("name", ["m0", "partners"])
-def test_writer_refuses_a_missing_column(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ValueError, match=name):
-        write_table(tmp_path / "a", points().drop_columns([name]), "points")
-
-
-def test_writer_refuses_nulls_and_unknown_columns(tmp_path: Path) -> None:
-    table = points().set_column(3, "m0", pa.array([0.0, None, 1.0, 1.0]))
-    with pytest.raises(ValueError, match="null"):
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (points().drop_columns(["m0"]), "m0"),
+        (points().drop_columns(["partners"]), "partners"),
+        (points().set_column(3, "m0", pa.array([0.0, None, 1.0, 1.0])), "null"),
+        (points().append_column("weight", pa.array([1] * 4)), "no column weight"),
+    ],
+)
+def test_writer_refuses_other_columns_and_nulls(
+    tmp_path: Path, table: pa.Table, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
         write_table(tmp_path / "a", table, "points")
-    with pytest.raises(ValueError, match="no column weight"):
-        write_table(tmp_path / "a", points().append_column("weight", pa.array([1] * 4)), "points")
 
 
 def test_a_submission_keeps_its_extra_columns(tmp_path: Path) -> None:
@@ -90,13 +84,24 @@ def test_column_type_is_refused_by_name(tmp_path: Path) -> None:
     assert "float" in str(error)
 
 
-def test_nulls_inside_lists_and_dictionaries_count(tmp_path: Path) -> None:
-    good = points().cast(POINTS)
-    lists = pa.array([[0], [None], [2], [3]], pa.list_(pa.int32()))
-    pq.write_table(good.set_column(5, "partners", lists), tmp_path / "a")
-    assert refusal(tmp_path / "a").code == "VALUE_NULL"
-    words = pa.array(["surface", None, "surface", "surface"]).dictionary_encode()
-    pq.write_table(good.set_column(2, "kind", words), tmp_path / "a")
+PARTNERS = [[0], [1], [2], [3, None]]
+WORDS = pa.array(["surface", None, "surface", "surface"]).dictionary_encode()
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "column", "group_rows"),
+    [
+        (5, "partners", pa.array(PARTNERS, pa.list_(pa.int32())), 4),
+        (5, "partners", pa.array(PARTNERS, pa.large_list(pa.int32())), 1),
+        (2, "kind", WORDS, 4),
+    ],
+    ids=["list", "list of another row group", "dictionary"],
+)
+def test_nulls_inside_lists_and_dictionaries_count(
+    tmp_path: Path, place: int, name: str, column: pa.Array, group_rows: int
+) -> None:
+    table = points().cast(POINTS).set_column(place, name, column)
+    pq.write_table(table, tmp_path / "a", row_group_size=group_rows)
     assert refusal(tmp_path / "a").code == "VALUE_NULL"
 
 
@@ -171,13 +176,6 @@ def test_text_in_a_list_that_a_delta_encoding_may_expand_is_refused(
     monkeypatch.setattr(limits, "MAX_TEXT_BYTES", 10_000)
     error = refusal(tmp_path / "a", "truth", columns=["alternatives"])
     assert (error.code, error.where) == ("FILE_TOO_LARGE", leaf)
-
-
-def test_nulls_are_found_in_lists_of_every_row_group(tmp_path: Path) -> None:
-    good = points(9).cast(POINTS)
-    lists = pa.array([[i] for i in range(8)] + [[1, None]], pa.large_list(pa.int32()))
-    pq.write_table(good.set_column(5, "partners", lists), tmp_path / "a", row_group_size=2)
-    assert refusal(tmp_path / "a").code == "VALUE_NULL"
 
 
 @pytest.mark.parametrize(
