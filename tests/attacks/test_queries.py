@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -25,39 +25,33 @@ from tests.attacks.attacked_queries import Answers, Queries, read_answers, read_
 from tests.attacks.query_attacks import attack_everything
 from tests.generator.runner.standin import InProcess
 
-SMALL: dict[str, Any] = {
-    "width": 96,
-    "height": 72,
-    "style": "raster",
-    "seed": 2_718_281_828_459_045,
-}
+QUERIES = QuerySettings(queries_per_pair=32)
+ROPES = GenerateConfig(
+    tiers=("rope",),
+    splits={"test": 10},
+    queries=QUERIES,
+    width=96,
+    height=72,
+    style="raster",
+    seed=2_718_281_828_459_045,
+    id="ropes",
+)
+CLOTHS = ClothSettings(points_a_side=33, tracked_a_side=33)
 SETS = {
-    "ropes": GenerateConfig(
-        tiers=("rope",),
-        splits={"test": 10},
-        queries=QuerySettings(queries_per_pair=32),
-        id="ropes",
-        **SMALL,
-    ),
-    "cloths": GenerateConfig(
-        tiers=("cloth-1",),
-        splits={"test": 10},
-        cloth=ClothSettings(points_a_side=33, tracked_a_side=33),
-        queries=QuerySettings(queries_per_pair=32),
-        id="cloths",
-        **SMALL,
-    ),
-    "episodes": GenerateConfig(
-        tiers=("rope",),
+    "ropes": ROPES,
+    "cloths": ROPES.replace(tiers=("cloth-1",), cloth=CLOTHS, id="cloths"),
+    "episodes": ROPES.replace(
         splits={"test": 3},
         frames=12,
         episodes=True,
-        queries=QuerySettings(pairs_per_sequence=12, queries_per_pair=32),
+        queries=QUERIES.replace(pairs_per_sequence=12),
         id="episodes",
-        **SMALL,
     ),
 }
 LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("cloths", "episodes", "tracks")]
+
+NAMES = ("pair", "source", "target", "uv_px", "visible", "point")
+D = TypeVar("D", Queries, Answers)
 
 Half = Callable[[str], tuple[Queries, Answers]]
 
@@ -77,7 +71,7 @@ def half(tmp_path_factory: pytest.TempPathFactory) -> Half:
         if name != "tracks":
             assert not generate(SETS[name], whole, engine=InProcess()).failed
             return whole
-        tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
+        tracks = SETS["episodes"].replace(queries=QUERIES.replace(kind="track"))
         shutil.copytree(make("episodes"), whole)
         write_dataset_files(tracks, plan_tasks(tracks), whole)
         return whole
@@ -105,6 +99,12 @@ def test_no_attack_beats_its_null(half: Half, name: str, seed: int) -> None:
     assert leaks == []
 
 
+def taken(data: D, rows: Any) -> D:
+    """Return some rows of queries or answers, in a given order."""
+    columns = [name for name in NAMES if hasattr(data, name)]
+    return replace(data, **{name: getattr(data, name)[rows] for name in columns})
+
+
 def leaks_of(queries: Queries, answers: Answers) -> set[str]:
     return {
         each.attack.split(" (")[0]
@@ -121,14 +121,9 @@ def test_sorted_rows_are_noticed(half: Half, name: str) -> None:
     for frame in queries.shown:
         asked = answers.point[queries.source == frame][: len(queries.shown[frame])]
         shown[frame] = queries.shown[frame][np.argsort(asked)]
-    told = replace(queries, uv_px=queries.uv_px[order], shown=shown)
-    true = replace(
-        answers,
-        uv_px=answers.uv_px[order],
-        visible=answers.visible[order],
-        point=answers.point[order],
+    found = leaks_of(
+        replace(queries, uv_px=queries.uv_px[order], shown=shown), taken(answers, order)
     )
-    found = leaks_of(told, true)
     assert {"rank, one axis", "columns of a row and its answer"} <= found
     assert name == "ropes" or "rank, two axes" in found
 
@@ -150,17 +145,4 @@ def test_points_left_out_are_noticed(half: Half) -> None:
     """Each pair leaves out the points that its target does not show."""
     queries, answers = half("ropes")
     keep = answers.visible
-    told = replace(
-        queries,
-        pair=queries.pair[keep],
-        source=queries.source[keep],
-        target=queries.target[keep],
-        uv_px=queries.uv_px[keep],
-    )
-    true = replace(
-        answers,
-        uv_px=answers.uv_px[keep],
-        visible=answers.visible[keep],
-        point=answers.point[keep],
-    )
-    assert "missing points visible" in leaks_of(told, true)
+    assert "missing points visible" in leaks_of(taken(queries, keep), taken(answers, keep))

@@ -96,6 +96,14 @@ class Scene:
         }
         return pa.table(data | {name: pa.array(v) for name, v in columns.items()})
 
+    def edited(self, column: str, row: int, value: Any) -> pa.Table:
+        """Return the truth as answers, with another value in one place."""
+        table = self.table()
+        values = table[column].to_pylist()
+        values[row] = value
+        array = pa.array(values, table.schema.field(column).type)
+        return table.set_column(table.column_names.index(column), column, array)
+
     def submit(
         self, path: Path, table: pa.Table | None = None, *, kind: str = "answers", **footer: Any
     ) -> Path:
@@ -197,7 +205,7 @@ def make_scene(
                     shape="open" if kind == "rope" else None,
                     temporal=temporal,
                     style="raster",
-                    coverage=0.6 + 0.1 * index if kind == "cloth" else None,
+                    coverage=0.5 + 0.1 * index if kind == "cloth" else None,
                     self_occluded=0.1,
                 )
             )

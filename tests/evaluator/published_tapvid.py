@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -99,8 +98,8 @@ def published(videos: list[Video], mode: Mode) -> dict[str, float]:
     return {name: float(np.mean([each[name] for each in every])) for name in every[0]}
 
 
-def scored(videos: list[Video], mode: Mode, root: Path) -> Callable[[str], Scores]:
-    """Write a dataset of the videos; return what scores the answers to it by a protocol."""
+def scored(videos: list[Video], mode: Mode, root: Path) -> Scores:
+    """Write a dataset of the videos, and score the answers to it."""
     settings = ImportSettings("videos", "cloth", queries=mode)
     done = write_imported([each.clip for each in videos], root, settings, {})
     dataset = Dataset.open(root)
@@ -113,6 +112,4 @@ def scored(videos: list[Video], mode: Mode, root: Path) -> Callable[[str], Score
             for i, f, p, g in zip(index, a, point, b, strict=True)]  # fmt: skip
     uv = np.stack([each[0] for each in said])
     answers = {"u": uv[:, 0], "v": uv[:, 1], "visible": np.array([each[1] for each in said])}
-    return lambda protocol: evaluate_answers(
-        dataset, "test", answers, truth=done.truth, protocol=protocol
-    )
+    return evaluate_answers(dataset, "test", answers, truth=done.truth, protocol=f"tapvid-{mode}")

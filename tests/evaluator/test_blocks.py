@@ -11,21 +11,8 @@ import pytest
 
 from pliant.evaluator import evaluate, scoring
 from pliant.evaluator.metrics import blocks
+from tests.evaluator.figures import assert_same
 from tests.evaluator.references import answers_of
-
-
-def same(one: Any, other: Any, place: str = "") -> None:
-    """Compare JSON documents; the last digits of sums depend on the order of their terms."""
-    if isinstance(one, dict):
-        assert one.keys() == other.keys(), place
-        for key in one:
-            same(one[key], other[key], f"{place}/{key}")
-    elif isinstance(one, list):
-        assert len(one) == len(other), place
-        for index, (a, b) in enumerate(zip(one, other, strict=True)):
-            same(a, b, f"{place}/{index}")
-    else:
-        assert one == (pytest.approx(other, rel=1e-12) if isinstance(other, float) else other)
 
 
 @pytest.mark.parametrize("kind", ["sigma", "holes"])
@@ -40,19 +27,11 @@ def test_a_block_for_each_pair_gives_the_figures_of_one_block(
     monkeypatch.setattr(scoring, "_PAIRS_WITH_IMAGES", 1)
     split = evaluate(path, scene.root, allow_missing=True)
     for name in ("overall", "tiers", "curves", "slices", "causes"):
-        same(split.document[name], whole.document[name], name)
+        # The last digits of sums depend on the order of their terms.
+        assert_same(split.document[name], whole.document[name], name, 1e-12)
     assert split.per_pair.column_names == whole.per_pair.column_names
     for name in whole.per_pair.column_names:
         assert split.per_pair[name].to_pylist() == whole.per_pair[name].to_pylist(), name
-
-
-@pytest.mark.parametrize(
-    ("rows", "spans"),
-    [(1, [(0, 1), (1, 2), (2, 3)]), (5, [(0, 2), (2, 3)]), (9, [(0, 3)]), (8, [(0, 2), (2, 3)])],
-)
-def test_a_block_takes_whole_pairs_up_to_its_size(rows: int, spans: list[tuple[int, int]]) -> None:
-    starts = np.array([0, 2, 5, 9])
-    assert list(blocks._spans(starts, rows)) == spans
 
 
 def test_partners_of_several_chunks_follow_each_other() -> None:

@@ -12,106 +12,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.evaluator.metrics import blocks
-from pliant.evaluator.metrics.base import Groups, Metric, PairTable, Summary
+from pliant.evaluator.metrics.base import Groups, Summary
 from pliant.evaluator.metrics.blocks import check_truth, read_blocks
 from pliant.evaluator.metrics.causes import Causes, cause_rows
-from pliant.evaluator.metrics.figures import _figures
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import write_table
 from pliant.spec.tables import TRUTH
-from tests.evaluator.hand_made import HIDDEN, Split, off_by, split
+from tests.evaluator.hand_made import Split, off_by, split
 
 NAN = math.nan
-
-
-def test_the_pair_table() -> None:
-    table = PairTable(3, ["a"])
-    table.put("a", slice(0, 1), np.array([5]))
-    table.put("a", slice(2, 3), np.array([7]))
-    table.put("b", slice(1, 3), np.array([True, True]))
-    found = {name: values.tolist() for name, values in table.columns.items()}
-    assert found == {"a": [5, 0, 7], "one": [1, 1, 1], "b": [0, 1, 1]}
-
-
-def test_groups_of_pairs() -> None:
-    queries = split([2, 3, 1, 2], tiers=["x", "y"], tier=[0, 1, 1, 0])
-    groups = Groups.of(queries, queries.starts)
-    assert list(groups) == [(0, "overall"), (1, "x"), (2, "y")]
-    assert [mask.tolist() for mask in groups.masks] == [
-        [True] * 4, [True, False, False, True], [False, True, True, False],
-    ]  # fmt: skip
-    values = np.arange(8)
-    parts = [[part.tolist() for part in groups.rows(index, values)] for index in range(3)]
-    assert parts == [[list(range(8))], [[0, 1], [6, 7]], [[2, 3, 4, 5]]]
-
-
-def test_figures_that_are_not_defined_are_none() -> None:
-    summary = Summary()
-    for name, value in {"none": None, "nan": NAN, "inf": math.inf, "zero": 0, "two": 2}.items():
-        summary.set("overall", name, value)
-    summary.set("x", "two", 2.0)
-    undefined = dict.fromkeys(("none", "nan", "inf"))
-    assert summary.values == {"overall": {**undefined, "zero": 0, "two": 2}, "x": {"two": 2}}
-    summary.add_curve("x", "a", {"edges": [1]})
-    summary.add_curve("x", "b", {"edges": [2]})
-    assert summary.curves == {"x": {"a": {"edges": [1]}, "b": {"edges": [2]}}}
-
-
-def test_a_metric_without_figures_and_an_end() -> None:
-    made = Split(split([1]), off_by(0))
-    metric: Metric[Any] = Metric(None, made.context)
-    assert metric.table is made.context.table
-    with pytest.raises(NotImplementedError):
-        metric.update(made.block(0, 1))
-    metric.finish(Groups.of(made.queries, made.queries.starts), Summary())
-    assert Metric.figures({}) == []
-    np.testing.assert_array_equal(made.context.per_row(), [NAN])
-
-
-def test_figures_are_listed_for_each_value() -> None:
-    rows: list[dict[str, Any]] = [
-        {"name": "plain", "better": "lower", "about": "of {family}"},
-        {
-            "each": "levels",
-            "figures": [
-                {
-                    "name": "p{percent:g}", "better": "higher", "unit": "px", "about": "{each:g}",
-                    "label": "L{each:g}", "over": ["a{percent:g}", "b"], "root": True,
-                    "mean_over_pairs": "mean of {each:g}",
-                }
-            ],
-        },
-        {"each": "one", "figures": [{"name": "q{each}", "better": "lower", "over": ["c", "d"]}]},
-        {"each": "none", "figures": [{"name": "r", "better": "lower"}]},
-        {"name": "last", "better": "neither"},
-    ]  # fmt: skip
-    words = {"family": "f", "levels": (0.25, 0.5), "one": 3, "none": None}
-    found = list(_figures(rows, words))
-    first = Ratio("p25", "higher", "px", "0.25", "L0.25", "a25", "b", root=True)
-    assert found[:2] == [Figure("plain", "lower", "", "of f"), first]
-    assert found[2].name == "p25_mean_over_pairs"
-    assert found[2].about == "mean of 0.25"
-    assert found[5:] == [
-        Ratio("q3", "lower", "", "", "", "c", "d"), Figure("last", "neither", "", ""),
-    ]  # fmt: skip
-    assert [each.name for each in found[3:5]] == ["p50", "p50_mean_over_pairs"]
-
-
-def test_what_a_block_says_of_its_rows() -> None:
-    made = Split(split([2, 1, 2]), np.concatenate([off_by(3, 1, 2, 4), [[NAN, NAN]]]), hidden=[3])
-    block = made.block(1, 3)
-    assert (block.rows, block.pairs) == (slice(2, 5), slice(1, 3))
-    assert block.pair.tolist() == [0, 1, 1]
-    assert block.counted.tolist() == [True, False, True]
-    assert block.squared_px2.tolist() == [4, 16, 2500]
-    assert block.error_px.tolist() == [2, 4, 50]
-    assert block.reach_px.tolist() == [2, 4, math.inf]
-    assert block.sum_by_pair(block.counted).tolist() == [1, 1]
-    whole = made.block(0, 1, missing=None)
-    assert whole.reach_px.tolist() == [3, 1]
 
 
 def written(folder: Path, **columns: Any) -> tuple[Queries, Path]:
@@ -133,42 +44,6 @@ def written(folder: Path, **columns: Any) -> tuple[Queries, Path]:
 
 
 ANSWERS = np.concatenate([off_by(3, 0, 500, 4), [[700, 10]]])
-
-
-def test_blocks_are_read_with_what_is_asked_for(tmp_path: Path) -> None:
-    queries, truth = written(tmp_path)
-    answers = SplitAnswers(ANSWERS, answered=5)
-    first, second = read_blocks(queries, truth, answers, block_rows=3)
-    assert (first.first_row, first.first_pair, first.starts.tolist()) == (0, 0, [0, 2, 3])
-    assert (second.first_row, second.first_pair, second.starts.tolist()) == (3, 2, [0, 2])
-    np.testing.assert_array_equal(second.answer_px, ANSWERS[3:])
-    np.testing.assert_array_equal(second.true_px, [[10.0, 10], [NAN, NAN]])
-    assert second.state.tolist() == [0, HIDDEN]
-    assert second.missing_px == 50
-    for name in ("missing", "uv_a_px", "point", "box_px", "partners"):
-        assert getattr(second, name) is None
-    columns = ("point", "box_px", "alternatives")
-    _, second = read_blocks(
-        queries, truth, answers, truth_columns=columns, query_pixels=True, block_rows=3
-    )
-    assert second.point is not None
-    assert second.box_px is not None
-    assert second.uv_a_px is not None
-    assert second.partners is not None
-    assert second.point.tolist() == [10, 11]
-    assert second.box_px.tolist() == [23, 24]
-    np.testing.assert_array_equal(second.uv_a_px, [[4, 9], [5, 10]])
-    assert second.partners.begin.tolist() == [0, 2, 2]
-    assert len(list(read_blocks(queries, truth, answers))) == 1
-
-
-def test_missing_answers_are_those_that_are_nan(tmp_path: Path) -> None:
-    queries, truth = written(tmp_path)
-    uv_px = ANSWERS.copy()
-    uv_px[1] = NAN
-    (block,) = read_blocks(queries, truth, SplitAnswers(uv_px, answered=4))
-    assert block.missing is not None
-    assert block.missing.tolist() == [False, True, False, False, False]
 
 
 def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_videos_have_the_published_figures(seeds: range, tmp_path: Path) -> None
         videos = [video(rng, int(points)) for points in rng.integers(4, 12, rng.integers(1, 3))]
         for mode in ("first", "strided"):
             root = tmp_path / f"{seed}-{mode}"
-            scores = scored(videos, mode, root)(f"tapvid-{mode}")
+            scores = scored(videos, mode, root)
             for name, value in published(videos, mode).items():
                 assert abs(figure(scores, name) - value) <= 1e-9, (seed, mode, name)
             for written in tmp_path.glob(f"{root.name}*"):

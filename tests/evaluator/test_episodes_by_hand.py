@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pliant.evaluator.metrics import slices
 from pliant.evaluator.metrics.base import NoSettings
 from pliant.evaluator.metrics.jitter import Jitter, _clips
 from pliant.evaluator.metrics.redetection import Redetection
-from pliant.evaluator.metrics.slices import Slices, SlicesSettings, _labels, _Tally
 from pliant.evaluator.metrics.tapvid import TapvidSettings
 from pliant.evaluator.metrics.time import Time, TimeSettings
 from pliant.evaluator.metrics.videos import Videos, VideosSettings
@@ -150,106 +147,3 @@ def test_points_that_were_hidden_before() -> None:
     apart = Split(queries, answer_px, point=point, dataset=episodes(temporal=False))
     notes = apart.found(Redetection(TAPVID, apart.context)).notes
     assert notes["aj_redetected"] == "no point is asked in an episode"
-
-
-def test_labels_of_slices() -> None:
-    assert _labels((), "px") == [""]
-    assert _labels((1,), "px") == ["below 1 px", "1 px and more"]
-    assert _labels((0.25, 0.5), "") == ["below 0.25", "0.25 to 0.5", "0.5 and more"]
-    tally = _Tally(["a", "b", "c"])
-    tally.add(np.array([0, 2, 0]), np.array([1.0, 3, 7]), np.array([True, True, False]))
-    tally.add(np.array([2]), np.array([4.0]), np.array([False]))
-    assert tally.rows(8) == [
-        {"slice": "a", "queries": 2, "rmse_px": 5, "mean_px": 4, "pck_8px": 0.5},
-        {
-            "slice": "c", "queries": 2, "rmse_px": pytest.approx(math.sqrt(12.5)),
-            "mean_px": 3.5, "pck_8px": 0.5,
-        },
-    ]  # fmt: skip
-
-
-def sliced(monkeypatch: pytest.MonkeyPatch, **more: Any) -> tuple[Split, Any]:
-    """Slice errors of 2, 3, 5 and 6 px, of an unknown one, and of one without a position.
-
-    The points moved by 4, 3, 0, 8, 4 and an unknown number of pixels.
-    """
-    monkeypatch.setattr(Slices, "_sequence_facts", lambda _: (["open", ""], np.array([0.5, NAN])))
-    queries = split(
-        [2, 1, 1, 2], tiers=["rope", "cloth"], tier=[0, 0, 1, 1], sequences=["s", "r"],
-        sequence_b=[0, 1, 0, 0],
-    )  # fmt: skip
-    true_px = np.full((6, 2), 10.0)
-    true_px[5] = NAN
-    answer_px = off_by(2, 3, 5, 6, 1, 1)
-    answer_px[4] = NAN
-    uv_a_px = np.array([[14, 10], [10, 13], [10, 10], [18, 10], [10, 14], [0, 0]], float)
-    known = np.array([True, True, True, False, True, False])
-    silhouette = np.array([3, 4, 8, NAN, 9, NAN])
-
-    def facts(block: Any, _: Any) -> Any:
-        return SimpleNamespace(known=known[block.rows], silhouette_px=silhouette[block.rows])
-
-    made = Split(
-        queries, answer_px, true_px, hidden=[5], cut=2, uv_a_px=uv_a_px,
-        surfaces=SimpleNamespace(facts=facts),
-    )  # fmt: skip
-    usual: dict[str, Any] = {
-        "displacement_px": (4,), "silhouette_px": (4, 8), "coverage": (0.5,), "within_px": 3,
-    }  # fmt: skip
-    return made, made.found(Slices(SlicesSettings(**usual | more), made.context))
-
-
-def test_slices(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, found = sliced(monkeypatch, moving_px=4)
-    assert made.column("moving_counted") == [0, 0, 1, 0]  # 4 px are not more than 4 px
-    assert made.column("moving_within") == [0, 0, 0, 0]
-    assert made.column("moving_squared_px2") == [0, 0, 36, 0]
-    assert made.column("within_slice") == [2, 0, 0, 0]
-    assert made.column("slice_error_px") == [5, 5, 6, 50]
-    assert made.column("slice_squared_px2") == [13, 25, 36, 2500]
-    rows = {
-        name: [(row["slice"], row["queries"], row["mean_px"], row["pck_3px"]) for row in each]
-        for name, each in found.slices.items()
-    }
-    assert rows == {
-        "visibility in the target": [("visible", 5, 13.2, 0.4)],
-        "displacement": [
-            ("below 4 px", 2, 4, 0.5), ("4 px and more", 3, 58 / 3, pytest.approx(1 / 3)),
-        ],
-        "distance to the silhouette": [
-            ("below 4 px", 1, 2, 1), ("4 to 8 px", 1, 3, 1), ("8 px and more", 2, 27.5, 0),
-        ],
-        "shape": [
-            ("cloth open", 2, 28, 0), ("rope open", 2, 2.5, 1),
-        ],
-        "coverage of the cloth": [("0.5 and more", 4, 61 / 4, 0.5)],
-    }  # fmt: skip
-
-
-def test_slices_without_surfaces_and_moving_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, found = sliced(monkeypatch, silhouette_px=(), moving_px=None)
-    assert "moving_counted" not in made.context.table.columns
-    assert "distance to the silhouette" not in found.slices
-    made, _ = sliced(monkeypatch, silhouette_px=(), moving_px=3)
-    assert made.column("moving_counted") == [1, 0, 1, 1]
-    assert made.column("moving_within") == [1, 0, 0, 0]
-    assert made.column("moving_squared_px2") == [4, 0, 36, 2500]
-
-
-def test_coverage_and_shapes_are_those_of_the_target_sequences(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import pyarrow as pa
-
-    table = pa.table({"id": ["r", "s", "q"], "coverage": [0.4, None, 0.1]})
-    monkeypatch.setattr(slices, "read_table", lambda *_: table)
-    dataset = SimpleNamespace(
-        sequence=lambda name: SimpleNamespace(shape={"s": "knot"}.get(name)),
-        local=lambda name: Path(name),
-    )
-    given = Split(split([1], sequences=["s", "r", "t"]), off_by(1), dataset=dataset)
-    metric = Slices.__new__(Slices)
-    metric.context = given.context
-    shapes, coverage = metric._sequence_facts()
-    assert shapes == ["knot", "", ""]
-    np.testing.assert_array_equal(coverage, [NAN, 0.4, NAN])

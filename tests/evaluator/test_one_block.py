@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +15,6 @@ from pliant.evaluator.metrics.causes import (
     NO_CAUSE,
     Causes,
     CausesSettings,
-    _nearest_partner_px,
 )
 from pliant.evaluator.metrics.distribution import answered_mixtures
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
@@ -121,18 +119,6 @@ def test_causes_of_errors(described: dict[str, Any], across: str) -> None:
         assert columns[f"cause_{cause.name}_answers"][0] == mine.sum()
         assert columns[f"cause_{cause.name}_px2"][0] == pytest.approx(squared[mine].sum())
     assert columns["causes_known"][0] == values["known"].sum()
-
-
-def test_the_nearest_of_several_partners() -> None:
-    """10 and 3 px away; none; one behind the camera, the other 5 px away."""
-    places = np.array([[10, 0], [0, 3], [np.nan, np.nan], [4, 3]], float)
-    seen = np.ones(4, bool)
-    given = block(
-        np.zeros((3, 2)), np.zeros((3, 2)), partners=Partners(np.array([0, 2, 2, 4]), places, seen)
-    )
-    assert _nearest_partner_px(given).tolist() == [3, np.inf, 5]
-    for none in (None, Partners(np.zeros(4, np.int64), places[:0], seen[:0])):
-        assert np.isinf(_nearest_partner_px(replace(given, partners=none))).all()
 
 
 def test_distributions_of_some_answers() -> None:

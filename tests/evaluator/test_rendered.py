@@ -2,50 +2,34 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
-from pliant.evaluator import evaluate, write_report
+from pliant.evaluator import Scores, evaluate_answers, write_report
 from pliant.spec.dataset import Dataset
 from tests.evaluator.figures import figure
 
 
-def submit_truth(root: Path, path: Path, *, drift_px: float = 0.0) -> Path:
-    """Write the truth, moved by so much to the right for each frame since the query."""
+def score_truth(root: Path, *, drift_px: float = 0.0, protocol: str = "standard") -> Scores:
+    """Score the truth, moved by so much to the right for each frame since the query."""
     dataset = Dataset.open(root)
     truth, queries = dataset.truth("test"), dataset.queries("test")
     elapsed = np.abs(queries["frame_b"].to_numpy() - queries["frame_a"].to_numpy())
-    u = (truth["u_b"].to_numpy() + drift_px * elapsed).astype(np.float32)
     visible = np.array([state == "visible" for state in truth["visibility_b"].to_pylist()])
-    columns = {
-        "pair_id": truth["pair_id"],
-        "query_id": truth["query_id"],
-        "u": pa.array(u),
+    answers = {
+        "u": (truth["u_b"].to_numpy() + drift_px * elapsed).astype(np.float32),
         "v": truth["v_b"],
-        "visible": pa.array(visible.astype(np.float32)),
-        "sigma": pa.array(np.full(len(visible), 0.5, np.float32)),
+        "visible": visible.astype(np.float32),
+        "sigma": np.full(len(visible), 0.5, np.float32),
     }
-    footer = {
-        "spec_version": "1.0.0",
-        "table": "answers",
-        "dataset": {"id": dataset.id, "version": dataset.version},
-        "split": "test",
-        "queries_sha256": dataset.queries_sha256("test"),
-        "method": {"name": "truth"},
-    }
-    table = pa.table(columns).replace_schema_metadata({b"pliant": json.dumps(footer).encode()})
-    pq.write_table(table, path)
-    return path
+    return evaluate_answers(dataset, "test", answers, protocol=protocol)
 
 
 @pytest.mark.slow
-def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path, tmp_path: Path) -> None:
-    scores = evaluate(submit_truth(tiny_dataset, tmp_path / "s.parquet"), tiny_dataset)
+def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path) -> None:
+    scores = score_truth(tiny_dataset)
     assert set(scores.tiers) == {"rope", "cloth-1", "cloth-3"}
     for tier, found in scores.tiers.items():
         for metric in ("rmse_px", "p95_px", "ece", "ause", "jump_rate"):
@@ -58,8 +42,8 @@ def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path, tmp_path: Path) -> None:
-    scores = evaluate(submit_truth(tiny_episode, tmp_path / "s.parquet"), tiny_episode)
+def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path) -> None:
+    scores = score_truth(tiny_episode)
     assert scores.overall["rmse_px"] == 0
     assert scores.overall["jitter_px"] == 0
 
@@ -67,8 +51,7 @@ def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path, tmp_path: Pat
 @pytest.mark.slow
 def test_a_drift_shows_over_the_time_since_the_query(tiny_episode: Path, tmp_path: Path) -> None:
     """An answer that strays by 3 px a frame is 3 k px off after k frames, and so its RMSE."""
-    path = submit_truth(tiny_episode, tmp_path / "s.parquet", drift_px=3.0)
-    scores = evaluate(path, tiny_episode, protocol="track")
+    scores = score_truth(tiny_episode, drift_px=3.0, protocol="track")
     curve = scores.document["curves"]["overall"]["rmse_over_time"]
     queries = Dataset.open(tiny_episode).queries("test")
     elapsed = np.abs(queries["frame_b"].to_numpy() - queries["frame_a"].to_numpy())

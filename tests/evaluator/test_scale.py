@@ -7,34 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pytest
 
 from pliant.evaluator import evaluate
 from pliant.evaluator.statistics.bootstrap import Bootstrap, intervals
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
-
-
-@pytest.fixture(scope="module")
-def noisy(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    rng = np.random.default_rng(2)
-    table = scene.table(
-        scene.true_px + rng.normal(0, 6, (scene.rows, 2)),
-        visible=rng.random(scene.rows).astype(np.float32),
-        sigma=rng.uniform(1, 9, scene.rows).astype(np.float32),
-    )
-    order = pa.array(rng.permutation(scene.rows))
-    return scene.submit(tmp_path_factory.mktemp("noisy") / "s.parquet", table.take(order))
-
-
-def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        folder = tmp_path / name
-        folder.mkdir()
-        evaluate(noisy, scene.root).write(folder, "")
-    for name in ("scores.json", "per_pair.parquet"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_memory_does_not_grow_with_row_groups(scene_maker: Any, tmp_path: Path) -> None:

@@ -19,16 +19,8 @@ from pliant.spec.errors import Issue, SubmissionError
 from tests.evaluator.figures import figure
 
 
-def edit(scene: Any, column: str, row: int, value: Any) -> pa.Table:
-    table = scene.table()
-    values = table[column].to_pylist()
-    values[row] = value
-    array = pa.array(values, table.schema.field(column).type)
-    return table.set_column(table.column_names.index(column), column, array)
-
-
 def test_an_issue_names_row_query_found_and_required(scene: Any, tmp_path: Path) -> None:
-    path = scene.submit(tmp_path / "s.parquet", edit(scene, "v", 25, np.nan))
+    path = scene.submit(tmp_path / "s.parquet", scene.edited("v", 25, np.nan))
     (issue,) = check(path, scene.root)
     assert issue.code == "VALUE_NOT_FINITE"
     assert issue.path == str(path)
@@ -44,7 +36,7 @@ def test_a_duplicate_names_the_row_before(scene: Any, tmp_path: Path) -> None:
 
 
 def test_unknown_and_missing_keys_are_named(scene: Any, tmp_path: Path) -> None:
-    path = scene.submit(tmp_path / "s.parquet", edit(scene, "query_id", 3, 20))
+    path = scene.submit(tmp_path / "s.parquet", scene.edited("query_id", 3, 20))
     unknown, missing = check(path, scene.root)
     assert unknown.where == "row 3 (pair 0, query 20)"
     assert "query ids below 20" in unknown.message
@@ -83,7 +75,7 @@ def test_long_lists_are_capped_and_told_in_full(scene: Any, tmp_path: Path) -> N
 def test_the_commands_print_one_line_per_cause(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    table = edit(scene, "v", 3, 1e9)
+    table = scene.edited("v", 3, 1e9)
     table = table.set_column(2, "u", pa.array(np.full(scene.rows, np.nan, np.float32)))
     path = scene.submit(tmp_path / "s.parquet", table)
     for command, stream in (("check", "out"), ("evaluate", "err")):
@@ -136,7 +128,7 @@ def test_the_commands_exit_and_print_as_promised(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     good = scene.submit(tmp_path / "good.parquet", method={"name": "truth"})
-    bad = scene.submit(tmp_path / "bad.parquet", edit(scene, "u", 0, np.inf))
+    bad = scene.submit(tmp_path / "bad.parquet", scene.edited("u", 0, np.inf))
     data = ["--data", str(scene.root)]
     assert run(["check", str(good), *data, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["valid"] is True

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from pliant.evaluator import write_report
 from pliant.publishing.hub_results import results
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from tests.publishing.conftest import printed
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -34,13 +32,8 @@ def test_datasets_opens_pairs_with_both_pictures(halves: Any, tmp_path: Path) ->
         "    row.pop(f'image_{side}').convert('RGB').save(f'{sys.argv[2]}/{side}.png')\n"
         "print(json.dumps([sorted(pairs), len(pairs['val']), row]))\n"
     )
-    offline = {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(halves.public), str(tmp_path)],
-        env={**os.environ, **offline}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    splits, count, row = json.loads(done.stdout.splitlines()[-1])
+    lines = printed(script, halves.public, tmp_path, HF_HOME=str(tmp_path))
+    splits, count, row = json.loads(lines[-1])
     assert splits == ["val"]  # the test split is held out
     whole = Dataset.open(halves.whole)
     pairs = whole.pairs("val")

@@ -7,8 +7,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import read_checksums
 from pliant.spec.validation.validate import validate
+from tests.publishing.conftest import printed
 from tests.publishing.croissant_check import croissant_problems
 
 
@@ -108,19 +107,10 @@ def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> Non
         "from pliant.cli.main import run\nsys.exit(run(sys.argv[1:]))"
     )
     out = tmp_path / "again"
-    command = [sys.executable, "-c", script, "publish", str(copy), "--out", str(out)]
-    command += [
-        "--hold-out",
-        "test",
-        "--shard-size",
-        "300kB",
-        "--answers-are-public",
-    ]
-    command += ["--author", "Ada", "--author", "Grace", "--json"]
+    options = "--hold-out test --shard-size 300kB --answers-are-public --author Ada --author Grace"
+    arguments = ["publish", copy, "--out", out, *options.split(), "--json"]
     other = {"LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONHASHSEED": "7"}
-    done = subprocess.run(command, env={**os.environ, **other}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
+    report = json.loads("".join(printed(script, *arguments, **other)))
     assert report["checksums_sha256"] == halves.facts.checksums_sha256
     assert report["private_sha256"] == halves.facts.private_sha256
     assert sums(out) == sums(halves.public)
@@ -265,10 +255,8 @@ def test_croissant_is_accepted_offline(halves: Any) -> None:
         "rows = list(dataset.records('queries_test'))\n"
         "print(len(rows), rows[0]['queries_test/sequence_a'].decode())\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
     first = Dataset.open(halves.public).queries("test")["sequence_a"][0].as_py()
-    assert done.stdout.splitlines()[-2:] == [
+    assert printed(code, path)[-2:] == [
         "http://mlcommons.org/croissant/1.1",
         f"288 {first}",
     ]
@@ -297,23 +285,9 @@ def test_hugging_face_datasets_shows_pictures(
         "print(len(frames['train'][0]['world_to_camera']), len(queries['test']))\n"
         "print(load_dataset(sys.argv[1], 'correspondences')['val'].num_rows)\n"
     )
-    environment = {
-        **os.environ,
-        "HF_HOME": str(tmp_path / "hf"),
-        "HF_HUB_OFFLINE": "1",
-        "HF_DATASETS_OFFLINE": "1",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(halves.public), str(tmp_path / "seen.png")],
-        env=environment,
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
+    lines = printed(script, halves.public, tmp_path / "seen.png", HF_HOME=str(tmp_path / "hf"))
     whole = Dataset.open(halves.whole)
     first = next(s for s in whole.sequences if s.split == "test")
-    lines = done.stdout.splitlines()
     assert lines[0] == "['test', 'train', 'val']"
     assert lines[1] == f"PIL.PngImagePlugin (160, 120) None {first.id}"
     assert lines[2].startswith("Image(")
