@@ -7,7 +7,7 @@ import html
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
@@ -144,12 +144,6 @@ class Scores:
         write_json(folder / SCORES_JSON, {**self.document, "files": files})
 
 
-def tool_versions() -> dict[str, str]:
-    """Return the versions of what computes the figures."""
-    names = ("pliant", "numpy", "pyarrow")
-    return {name: metadata.version(name) for name in names}
-
-
 def pair_table(queries: Queries, columns: Mapping[str, FloatArray]) -> pa.Table:
     """Return the pair table as Arrow, ids and frames first, sums after."""
 
@@ -242,11 +236,5 @@ def check_document(document: Mapping[str, Any]) -> None:
 
 @functools.cache
 def _validator() -> Draft202012Validator:
-    return Draft202012Validator(scores_schema())
-
-
-def scores_schema() -> dict[str, Any]:
-    """Return the JSON Schema of scores.json."""
     path = resources.files("pliant.evaluator") / "schemas" / "scores.schema.json"
-    schema: dict[str, Any] = json.loads(path.read_bytes())
-    return schema
+    return Draft202012Validator(json.loads(path.read_bytes()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 from typing import Protocol as Interface
@@ -24,10 +25,9 @@ from pliant.evaluator.metrics.blocks import BLOCK_ROWS, Block, read_blocks
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
-from pliant.evaluator.metrics.surface_workers import looked_up_ahead
-from pliant.evaluator.metrics.surfaces import Surfaces
+from pliant.evaluator.metrics.surfaces import Surfaces, looked_up_ahead
 from pliant.evaluator.protocols.protocol import Protocol, metric_class
-from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
+from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table
 from pliant.evaluator.statistics.bootstrap import intervals
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
@@ -104,7 +104,7 @@ def score(
     document = {
         **_provenance(loaded, dataset, truth, protocol),
         **_results(loaded, protocol, context, summary),
-        "tools": tool_versions(),
+        "tools": {name: version(name) for name in ("pliant", "numpy", "pyarrow")},
         **({"hide_truth": True} if hide_truth else {}),
     }
     columns = context.table.columns

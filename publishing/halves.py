@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
+from pliant.evaluator.report.pages import render_page
 from pliant.publishing.card import write_card
 from pliant.publishing.croissant import write_croissant
 from pliant.publishing.held_out import (
@@ -18,7 +20,7 @@ from pliant.publishing.held_out import (
 )
 from pliant.publishing.hub_results import write_benchmark
 from pliant.publishing.pairs import write_pairs
-from pliant.publishing.papers import citation, licence_text, private_readme, zenodo
+from pliant.publishing.papers import citation, licence_url, zenodo
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -32,6 +34,8 @@ from pliant.spec.storage.packing import FolderToPack, Packer
 
 StageProgress = Callable[[str, int, int], None]
 """Called with (name of the stage, finished sequences, all sequences)."""
+
+_page = partial(render_page, package="pliant.publishing")
 
 _TOP: tuple[str, ...] = (layout.DATASET_JSON, layout.SEQUENCES_TABLE)
 
@@ -106,7 +110,9 @@ def write_public(
     if (dataset.root / "LICENSE").is_file():
         shutil.copyfile(dataset.root / "LICENSE", root / "LICENSE")
     else:
-        _write_text(root / "LICENSE", licence_text(dataset.info, authors))
+        url = licence_url(dataset.info["licence"])
+        text = _page("licence.md.j2", info=dataset.info, authors=authors, url=url)
+        _write_text(root / "LICENSE", text)
     _write_text(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
     write_pairs(public, root)
     write_benchmark(public, root)
@@ -168,7 +174,10 @@ def write_private(
                 (folder / name).write_bytes(files[name])
         shutil.copyfile(sequence.dir / layout.SEQUENCE_JSON, folder / layout.SEQUENCE_JSON)
         progress("Setting the answers apart", done, len(held))
-    _write_text(root / "README.md", private_readme(dataset.info, settings.hold_out, warnings))
+    text = _page(
+        "private_readme.md.j2", info=dataset.info, hold_out=settings.hold_out, warnings=warnings
+    )
+    _write_text(root / "README.md", text)
 
 
 def _copy(dataset: Dataset, names: Iterable[str], root: Path) -> None:

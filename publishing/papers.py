@@ -1,4 +1,4 @@
-"""The papers of a publication: licence, citation, and what the private half says of itself."""
+"""The papers of a publication that others read: licence, citation, and the record of Zenodo."""
 
 from __future__ import annotations
 
@@ -7,30 +7,10 @@ from typing import Any
 
 import yaml
 
-from pliant.evaluator.report.pages import render_page
-
-_WHERE = "https://spdx.org/licenses/{}.html"
-
 
 def licence_url(licence: str) -> str:
     """Return where the text of a licence stands, by its SPDX identifier."""
-    return _WHERE.format(licence)
-
-
-def licence_text(info: Mapping[str, Any], authors: Sequence[str]) -> str:
-    """Return the `LICENSE` of a dataset that brings none of its own.
-
-    Args:
-        info: Its `dataset.json`.
-        authors: Who publishes it.
-    """
-    return render_page(
-        "licence.md.j2",
-        package="pliant.publishing",
-        info=info,
-        authors=authors,
-        url=licence_url(info["licence"]),
-    )
+    return f"https://spdx.org/licenses/{licence}.html"
 
 
 def citation(
@@ -89,22 +69,3 @@ def zenodo(
             {"identifier": url, "relation": "isIdenticalTo", "resource_type": "dataset"}
         ]
     return document
-
-
-def private_readme(
-    info: Mapping[str, Any], hold_out: Sequence[str], warnings: Sequence[str]
-) -> str:
-    """Return the private half's `README.md`.
-
-    Args:
-        info: The dataset's own `dataset.json`.
-        hold_out: The splits held out.
-        warnings: What the publisher should know.
-    """
-    return render_page(
-        "private_readme.md.j2",
-        package="pliant.publishing",
-        info=info,
-        hold_out=hold_out,
-        warnings=warnings,
-    )

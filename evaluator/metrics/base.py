@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import resources
 from typing import Annotated, Any, ClassVar, Final, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.surfaces import Surfaces
-from pliant.evaluator.statistics.ratios import Figure
+from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
@@ -21,6 +22,9 @@ from pliant.spec.constraints import Bounds
 from pliant.spec.dataset import Dataset
 
 OVERALL: Final = "overall"
+_FIGURES: Final[dict[str, list[dict[str, Any]]]] = json.loads(
+    (resources.files("pliant.evaluator.metrics") / "figures.json").read_bytes()
+)
 
 Positive = Annotated[float, Bounds(0, above=True)]
 Positives = Annotated[tuple[float, ...], Bounds(0, above=True)]
@@ -183,3 +187,42 @@ class Metric(Generic[S]):
         """
         for name, values in rows.items():
             self.table.put(name, block.pairs, block.sum_by_pair(values))
+
+
+def listed_figures(family: str, settings: Any, **words: str) -> list[Figure]:
+    """Return what a family of metrics reports, in the order of a report: its rows of figures.json.
+
+    A row has the fields of a `Figure`, or of a `Ratio` where `over` names the two columns. Its
+    texts are format strings of the family's settings. Rows under `each` are repeated for each
+    value of a setting, which they have as `each`, and 100 times it as `percent`; a setting of None
+    gives none.
+
+    Args:
+        family: The family; one that figures.json does not name reports nothing.
+        settings: Its settings.
+        **words: More words of its texts.
+    """
+    return list(_figures(_FIGURES.get(family, []), {**dict(settings), **words}))
+
+
+def _figures(rows: list[dict[str, Any]], words: Mapping[str, Any]) -> Iterator[Figure]:
+    for row in rows:
+        if "each" in row:
+            values = words[row["each"]]
+            for value in values if isinstance(values, tuple) else (values,):
+                if value is not None:
+                    more = {"each": value, "percent": value * 100}
+                    yield from _figures(row["figures"], {**words, **more})
+            continue
+        name, about, label = (
+            row.get(key, "").format(**words) for key in ("name", "about", "label")
+        )
+        better, unit = row["better"], row.get("unit", "")
+        if "over" not in row:
+            yield Figure(name, better, unit, about, label)
+            continue
+        above, below = (column.format(**words) for column in row["over"])
+        ratio = Ratio(name, better, unit, about, label, above, below, root=row.get("root", False))
+        yield ratio
+        if "mean_over_pairs" in row:
+            yield ratio.mean_over_pairs(row["mean_over_pairs"].format(**words))

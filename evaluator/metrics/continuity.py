@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.evaluator.metrics.base import (
     Groups,
@@ -76,7 +75,7 @@ class Continuity(Metric[ContinuitySettings]):
         asked &= truth <= settings.max_true_stretch * a
         row, other, a = row[asked], other[asked], a[asked]
         b = distance_px(block.answer_px, row, other)
-        jump = is_jump(a, b, settings.jump_stretch, settings.jump_min_px)
+        jump = b > np.maximum(settings.jump_stretch * a, settings.jump_min_px)
         if block.missing is not None:
             torn = block.missing[row] | block.missing[other]
             jump, b = jump | torn, np.where(torn, block.missing_px, b)
@@ -157,17 +156,3 @@ def distance_px(uv_px: RealArray, row: IntArray, other: IntArray) -> FloatArray:
     """
     offset = uv_px[row].astype(np.float64) - uv_px[other]
     return np.sqrt(np.einsum("nk,nk->n", offset, offset))
-
-
-def is_jump(
-    distance_a_px: FloatArray, distance_b_px: FloatArray, stretch: float, least_px: float
-) -> npt.NDArray[np.bool_]:
-    """Return which pairs of neighbours the answers tear apart.
-
-    Args:
-        distance_a_px: float64 (K,), between the queries.
-        distance_b_px: float64 (K,), between their answers.
-        stretch: A jump is longer than so many times the distance in the source frame …
-        least_px: … and longer than this.
-    """
-    return distance_b_px > np.maximum(stretch * distance_a_px, least_px)

@@ -49,8 +49,9 @@ class Pck(Metric[PckSettings]):
     ) -> None:
         counted = block.counted
         level = threshold_level(distance[counted], thresholds, self.settings.comparison)
-        pairs = len(block.starts) - 1
-        counts = within_by_pair(level, block.pair[counted], pairs, len(thresholds))
+        pairs, width = len(block.starts) - 1, len(thresholds) + 1
+        key = block.pair[counted] * width + level
+        counts = np.bincount(key, minlength=pairs * width).reshape(pairs, width).cumsum(axis=1)
         for index, threshold in enumerate(thresholds):
             self.table.put(f"within_{threshold:g}{suffix}", block.pairs, counts[:, index])
 
@@ -72,20 +73,3 @@ def threshold_level(distance: FloatArray, thresholds: Sequence[float], compariso
         within = distance <= threshold if comparison == "<=" else distance < threshold
         level += ~within
     return level
-
-
-def within_by_pair(level: IntArray, pair: IntArray, pairs: int, thresholds: int) -> IntArray:
-    """Count, for each pair and threshold, the answers that are within.
-
-    Args:
-        level: int64 (N,), from `threshold_level`.
-        pair: int64 (N,), 0 to `pairs` - 1.
-        pairs: Number of pairs, P.
-        thresholds: Number of thresholds, T.
-
-    Returns:
-        int64 (P, T).
-    """
-    width = thresholds + 1
-    counts = np.bincount(pair * width + level, minlength=pairs * width).reshape(pairs, width)
-    return np.cumsum(counts[:, :thresholds], axis=1)

@@ -146,21 +146,16 @@ def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArra
         float64 (N,), pixels to the centre of the nearest pixel outside that touches the
         object's mask (the border of the image is outside); inf where the object fills nothing.
     """
+    # Imported here: only figures of surfaces need it.
+    from scipy.ndimage import binary_dilation
+    from scipy.spatial import cKDTree
+
     box = _box(on_object)
     framed = np.pad(on_object[box], 1)
-    touching = np.zeros_like(framed)
-    touching[1:] |= framed[:-1]
-    touching[:-1] |= framed[1:]
-    touching[:, 1:] |= framed[:, :-1]
-    touching[:, :-1] |= framed[:, 1:]
-    touching &= ~framed
-    rows, columns = np.nonzero(touching)
+    rows, columns = np.nonzero(binary_dilation(framed) & ~framed)
     if not len(rows):
         return np.full(len(uv_px), np.inf)
     # The frame shifts by one pixel.
     centres = np.stack([columns + box[1].start - 0.5, rows + box[0].start - 0.5], axis=1)
-    # Imported here: only figures of surfaces need it.
-    from scipy.spatial import cKDTree
-
     distance: FloatArray = cKDTree(centres).query(uv_px)[0]
     return distance

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
@@ -39,15 +37,14 @@ class Symmetry(Metric[NoSettings]):
             rows = np.repeat(symmetries == count, np.diff(block.starts))
             of_rows = np.repeat(rows, np.diff(partners.begin))
             shape = (int(size.sum()), count)
-            found = symmetric_errors(
+            pair_squared[chosen], pair_flipped, nearest, point_flipped = symmetric_errors(
                 block.answer_px[rows], block.squared_px2[rows],
                 partners.uv_px[of_rows].reshape(*shape, 2),
                 partners.visible[of_rows].reshape(shape), block.counted[rows], begin,
             )  # fmt: skip
-            pair_squared[chosen] = found.pair_squared_px2
-            point_squared[chosen] = sum_by_pair(found.point_squared_px2, begin)
-            flipped_pairs[chosen] = found.pair_flipped | (lost[chosen] > 0)
-            flipped_points[chosen] = sum_by_pair(found.point_flipped, begin) + lost[chosen]
+            point_squared[chosen] = sum_by_pair(nearest, begin)
+            flipped_pairs[chosen] = pair_flipped | (lost[chosen] > 0)
+            flipped_points[chosen] = sum_by_pair(point_flipped, begin) + lost[chosen]
             asked[chosen] = sum_by_pair(block.counted[rows], begin)
         put = self.table.put
         put("symmetric_squared_px2", block.pairs, pair_squared)
@@ -65,24 +62,6 @@ class Symmetry(Metric[NoSettings]):
             summary.notes["flip_rate"] = f"tiers without symmetries: {', '.join(without)}"
 
 
-@dataclass(frozen=True)
-class SymmetricErrors:
-    """What is left of the error once symmetries are forgiven.
-
-    Attributes:
-        pair_squared_px2: float64 (P,), the sum over a pair's counted queries under the one
-            symmetry that is best for the whole pair.
-        pair_flipped: bool (P,), whether that symmetry is another than the identity.
-        point_squared_px2: float64 (N,), for each query under the symmetry best for it alone.
-        point_flipped: bool (N,), whether a partner is strictly nearer than the point itself.
-    """
-
-    pair_squared_px2: FloatArray
-    pair_flipped: BoolArray
-    point_squared_px2: FloatArray
-    point_flipped: BoolArray
-
-
 def symmetric_errors(
     predicted_px: RealArray,
     own_squared_px2: FloatArray,
@@ -90,7 +69,7 @@ def symmetric_errors(
     partner_visible: BoolArray,
     counted: BoolArray,
     starts: IntArray,
-) -> SymmetricErrors:
+) -> tuple[FloatArray, BoolArray, FloatArray, BoolArray]:
     """Forgive symmetries, once for a whole pair and once for each point.
 
     For a pair every equivalent labelling of the whole object is tried, so a partner counts
@@ -105,7 +84,12 @@ def symmetric_errors(
         starts: int64 (P,), first row of each pair.
 
     Returns:
-        The forgiven errors; rows that are not counted hold 0 and False.
+        pair_squared_px2: float64 (P,), the sum over a pair's counted queries under the one
+            symmetry that is best for the whole pair.
+        pair_flipped: bool (P,), whether that symmetry is another than the identity.
+        point_squared_px2: float64 (N,), for each query under the symmetry best for it alone.
+        point_flipped: bool (N,), whether a partner is strictly nearer than the point itself.
+            Rows that are not counted hold 0 and False.
     """
     own = np.where(counted, own_squared_px2, 0.0)
     first = best = sum_by_pair(own, starts)
@@ -117,9 +101,4 @@ def symmetric_errors(
         best = np.minimum(best, sum_by_pair(squared, starts))
         nearest = np.where(partner_visible[:, slot], np.minimum(nearest, squared), nearest)
     flipped = counted & (nearest < own)
-    return SymmetricErrors(
-        pair_squared_px2=best,
-        pair_flipped=best < first,
-        point_squared_px2=np.where(flipped, nearest, own),
-        point_flipped=flipped,
-    )
+    return best, best < first, np.where(flipped, nearest, own), flipped

@@ -14,9 +14,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Metric,
+    Positive,
+    Positives,
+    Summary,
+    listed_figures,
+)
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray

@@ -32,7 +32,8 @@ def report_verdict(document: Mapping[str, Any]) -> list[str]:
         about = CONTROLS[method]
         sentences.append(f"This is a control, {about}: methods are compared with it, not ranked.")
     elif "controls" in document["notes"]:
-        sentences.append(f"{_capital(document['notes']['controls'].replace('`', ''))}.")
+        note = document["notes"]["controls"].replace("`", "")
+        sentences.append(f"{note[:1].upper()}{note[1:]}.")
     elif document["submission"]["kind"] == "answers" and not document.get("hide_truth"):
         sentences.append(
             "It is better than answering with the query's own pixel, with the middle of the "
@@ -98,7 +99,8 @@ def board_verdict(
     beat = "beats" if len(better) == 1 else "beat"
     text = f"{named} {beat} {bar}"
     others = [name for name in methods if name not in better]
-    return text + (f"; {joined(others)} {_do_not(others)}." if others else ".")
+    do_not = "does not" if len(others) == 1 else "do not"
+    return text + (f"; {joined(others)} {do_not}." if others else ".")
 
 
 def joined(words: Sequence[str]) -> str:
@@ -106,13 +108,5 @@ def joined(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _do_not(names: Sequence[str]) -> str:
-    return "does not" if len(names) == 1 else "do not"
-
-
 def _with_unit(shown: Any, value: float) -> str:
     return f"{shown.written(value)} {shown.unit}".strip()
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -144,34 +144,17 @@ def interval(
         sequences: Number of resampled sequences.
         tiers: Number of tiers they were drawn within.
     """
-    from scipy.special import stdtrit  # takes 0.1 s to load
+    from scipy.special import ndtr, stdtrit  # takes 0.1 s to load
 
-    tail = (1 - level) / 2
+    # Resampling n values makes a variance too small by (n - 1) / n and knows no t distribution;
+    # every further tier has its own mean.
+    freedom = sequences - tiers
+    widened = math.sqrt(sequences / freedom) * float(stdtrit(freedom, (1 - level) / 2))
     if ratio.unit and score > 0 and values.min() > 0:
         logarithms = np.log(values)
         middle = 2 * math.log(score) - logarithms.mean()
-        freedom = sequences - tiers
-        widened = math.sqrt(sequences / freedom) * float(-stdtrit(freedom, tail))
-        reach = widened * logarithms.std()
+        reach = -widened * logarithms.std()
         return [math.exp(middle - reach), math.exp(middle + reach)]
-    tail = expanded_tail(tail, sequences, tiers)
+    tail = float(ndtr(widened))
     low, high = np.quantile(values, [tail, 1 - tail])
     return [float(low), float(high)]
-
-
-def expanded_tail(tail: float, sequences: int, tiers: int) -> float:
-    """Return the share of replicates to leave out on each side for a nominal tail.
-
-    Resampling n values makes a variance too small by (n - 1) / n and knows no t distribution;
-    both are made good: Phi(-sqrt(n / (n - 1)) t), with n - 1 degrees of freedom less one for
-    every further tier.
-
-    Args:
-        tail: Nominal share on each side.
-        sequences: n, more than `tiers`.
-        tiers: Tiers that n is drawn within, each with its own mean.
-    """
-    from scipy.special import ndtr, stdtrit
-
-    freedom = sequences - tiers
-    return float(ndtr(math.sqrt(sequences / freedom) * stdtrit(freedom, tail)))

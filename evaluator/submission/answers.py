@@ -8,10 +8,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.values import Values
+from pliant.evaluator.submission.values import MAX_MATCHES_PER_PAIR, Values
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.spec.validation.findings import LISTED_PER_CODE
 
@@ -232,10 +231,10 @@ def place_matches(values: Values, queries: Queries, problems: Problems) -> Split
     count = np.bincount(pair, minlength=queries.pairs)
 
     def describe(index: int) -> tuple[str, str]:
-        required = f"at most {limits.MAX_MATCHES_PER_PAIR:,}"
+        required = f"at most {MAX_MATCHES_PER_PAIR:,}"
         return f"pair {index}", f"found {count[index]:,} matches; required: {required}"
 
-    problems.add_rows("VALUE_OUT_OF_RANGE", count > limits.MAX_MATCHES_PER_PAIR, describe)
+    problems.add_rows("VALUE_OUT_OF_RANGE", count > MAX_MATCHES_PER_PAIR, describe)
     kept = _best_of_each_pixel(pair, rows)
     kept_count = np.bincount(pair[kept], minlength=queries.pairs)
     uv = rows[kept]

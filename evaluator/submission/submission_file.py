@@ -11,11 +11,15 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.file_kinds import ADVICE, kind_of_file
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.values import MODE_FIELDS
+from pliant.evaluator.submission.values import (
+    MAX_EXCESS_ROWS,
+    MAX_MATCHES_PER_PAIR,
+    MAX_SUBMISSION_BYTES,
+    MODE_FIELDS,
+)
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset, check_version
 from pliant.spec.io.jsonfiles import schema_errors
@@ -101,9 +105,9 @@ def read_rows(
     """Decode the columns of a submission, or None where they are damaged or far too many."""
     required, most = f"{queries.rows:,}, one for each query", queries.rows
     if submission.kind == "matches":
-        most = queries.pairs * limits.MAX_MATCHES_PER_PAIR
-        required = f"at most {most:,}, {limits.MAX_MATCHES_PER_PAIR:,} for each image pair"
-    if submission.rows > most + limits.MAX_EXCESS_ROWS:
+        most = queries.pairs * MAX_MATCHES_PER_PAIR
+        required = f"at most {most:,}, {MAX_MATCHES_PER_PAIR:,} for each image pair"
+    if submission.rows > most + MAX_EXCESS_ROWS:
         found = f"found {submission.rows:,} rows; required: {required}"
         problems.add_many("ROW_UNKNOWN", submission.rows - most, [("", found)])
         return None
@@ -138,8 +142,8 @@ def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
             "FILE_UNREADABLE", "", "this is a folder or a special file, not a Parquet file"
         )
         return None
-    if size > limits.MAX_SUBMISSION_BYTES:
-        required = f"at most {limits.MAX_SUBMISSION_BYTES:,}"
+    if size > MAX_SUBMISSION_BYTES:
+        required = f"at most {MAX_SUBMISSION_BYTES:,}"
         problems.differs("FILE_TOO_LARGE", "", f"{size:,} bytes", required)
         return None
     try:

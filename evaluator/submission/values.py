@@ -15,19 +15,42 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.arrays import BoolArray, IntArray, RealArray
 
+# What a submission may contain, whichever protocol scores it.
+
+MAX_POSITION_PX: Final = 1e6
+"""|u| and |v| of an answer. A position outside the image is an answer like any other and is
+scored by its distance; a number beyond this bound is none."""
+
+MAX_SIGMA_PX: Final = 1e6
+"""Largest standard deviation."""
+
+MAX_MODES: Final = 64
+"""Largest number of modes in one row."""
+
+WEIGHT_TOLERANCE: Final = 1e-3
+"""The weights of a row's modes sum to 1 within this."""
+
+MAX_SUBMISSION_BYTES: Final = 16 * 2**30
+"""Largest file."""
+
+MAX_EXCESS_ROWS: Final = 1_000_000
+"""So many rows more than there are queries are still read, to name the superfluous ones."""
+
+MAX_MATCHES_PER_PAIR: Final = 100_000
+"""Largest number of keypoint matches of one image pair."""
+
 MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
 _RANGES: Final = {
-    "sigma": (0.0, limits.MAX_SIGMA_PX, "greater than 0 and at most 1e6 px"),
+    "sigma": (0.0, MAX_SIGMA_PX, "greater than 0 and at most 1e6 px"),
     "visible": (0.0, 1.0, "a probability, 0 to 1"),
     "weight": (0.0, 1.0, "a weight, 0 to 1"),
 }
 _POSITION: Final = (
-    -limits.MAX_POSITION_PX,
-    limits.MAX_POSITION_PX,
+    -MAX_POSITION_PX,
+    MAX_POSITION_PX,
     "a finite position within ±1e6 px",
 )
 _SCORE: Final = (-np.inf, np.inf, "a finite number")
@@ -217,12 +240,12 @@ def _check_mixtures(count: IntArray, owner: IntArray, weight: RealArray, checks:
     """Note the rows whose modes are none, too many, or do not sum to 1."""
     finite = np.where(np.isfinite(weight), weight, 0.0)
     total = np.bincount(owner, finite, minlength=len(count))
-    wrong_count = (count < 1) | (count > limits.MAX_MODES)
-    wrong = checks.good & (wrong_count | (np.abs(total - 1) > limits.WEIGHT_TOLERANCE))
+    wrong_count = (count < 1) | (count > MAX_MODES)
+    wrong = checks.good & (wrong_count | (np.abs(total - 1) > WEIGHT_TOLERANCE))
 
     def message(row: int) -> str:
         if wrong_count[row]:
-            return f"modes has {count[row]} modes; required: 1 to {limits.MAX_MODES}"
+            return f"modes has {count[row]} modes; required: 1 to {MAX_MODES}"
         return f"modes has weights that sum to {total[row]:.6g}; required: 1 within 0.001"
 
     checks.note("MODES_INVALID", wrong, message)

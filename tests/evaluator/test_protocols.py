@@ -6,15 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
 from pliant.evaluator.protocols.protocol import metric_class
-from pliant.evaluator.scores import scores_schema
+from pliant.evaluator.scores import check_document
 from pliant.spec.errors import CallError, SpecError, SubmissionError
-from tests.evaluator.figures import figure
+from tests.evaluator.figures import assert_same, figure
 
 TINY = Path(__file__).parents[1] / "data" / "tiny-submission"
 
@@ -67,26 +66,11 @@ def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None
         evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="best")
 
 
-def approx(golden: Any, found: Any, place: str = "") -> None:
-    if isinstance(golden, dict):
-        assert golden.keys() == found.keys(), place
-        for key, value in golden.items():
-            approx(value, found[key], f"{place}/{key}")
-    elif isinstance(golden, list):
-        assert len(golden) == len(found), place
-        for index, value in enumerate(golden):
-            approx(value, found[index], f"{place}/{index}")
-    elif isinstance(golden, float):
-        assert found == pytest.approx(golden, rel=1e-9, abs=1e-9), place
-    else:
-        assert found == golden, place
-
-
 def test_the_committed_submission_keeps_its_score() -> None:
     golden = json.loads((TINY / "golden.json").read_text())
     found = evaluate(TINY / "submission.parquet", TINY / "dataset").document
     for name, value in golden.items():
-        approx(value, found[name], name)
+        assert_same(found[name], value, name, 1e-9)
 
 
 def test_the_golden_score_is_what_its_offsets_say() -> None:
@@ -133,7 +117,7 @@ def test_the_truth_scores_perfectly_in_every_tier(name: str, scene: Any, tmp_pat
         visible=scene.visible.astype(np.float32), sigma=np.full(scene.rows, 0.5, np.float32)
     )
     scores = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root, protocol=name)
-    jsonschema.validate(scores.document, scores_schema())
+    check_document(scores.document)
     perfect = {
         **dict.fromkeys(("rmse_px", "rmse_px_mean_over_pairs", "mean_px", "p95_px"), 0),
         **dict.fromkeys(("symmetric_rmse_px", "jump_rate", "ece", "ause", "off_object_rate"), 0),

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pliant.evaluator.statistics import bootstrap, crossing, sign_flips
+from pliant.evaluator.statistics import bootstrap, crossing
 from pliant.evaluator.statistics.bootstrap import Bootstrap, interval, intervals, replicates
 from pliant.evaluator.statistics.crossing import Crossing
-from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import fewest_sequences, paired_difference
-from pliant.spec.errors import SpecError
 
 SETTINGS = Bootstrap(unit="sequences", replicates=100, seed=5, level=0.9)
 SHARE = Ratio("pck", "higher", "", "", numerator="hits", denominator="asked")
@@ -34,54 +33,6 @@ COLUMNS = {
 @pytest.fixture
 def crossed() -> Crossing:
     return Crossing.of(A, B, TIER, 3)
-
-
-def test_ratios() -> None:
-    assert ERROR.title == "Rmse"
-    assert Figure("depth_error_m", "lower", "m", "").title == "Depth error"
-    assert Figure("oa", "higher", "", "", label="OA").title == "OA"
-    mean = ERROR.mean_over_pairs("mean")
-    assert (mean.name, mean.label, mean.over_pairs) == (
-        "rmse_px_mean_over_pairs",
-        "Rmse, mean over pairs",
-        True,
-    )
-    above, below = ERROR.terms(COLUMNS)
-    np.testing.assert_array_equal(above, COLUMNS["squares"])
-    np.testing.assert_array_equal(below, COLUMNS["asked"])
-    np.testing.assert_allclose(
-        ERROR.finish(np.array([8.0, 3, 0]), np.array([2.0, 0, 0.5])), [2, math.nan, 0]
-    )
-    above, below = mean.terms(COLUMNS)
-    expected = [
-        math.sqrt(s / a) if a else 0
-        for s, a in zip(COLUMNS["squares"], COLUMNS["asked"], strict=True)
-    ]
-    np.testing.assert_allclose(above, expected)
-    np.testing.assert_array_equal(below, COLUMNS["asked"] > 0)
-    np.testing.assert_allclose(mean.finish(np.array([8.0]), np.array([2.0])), [4.0])
-    np.testing.assert_allclose(SHARE.mean_over_pairs("").terms(COLUMNS)[0][:2], [0.25, 0.5])
-    one = SHARE.mean_over_pairs("").terms({"hits": np.ones(1), "asked": np.ones(1)})
-    np.testing.assert_array_equal(one, [[1], [1]])
-    with pytest.raises(SpecError, match=r"lacks a column.*asked, hits; required: squares"):
-        ERROR.terms({name: COLUMNS[name] for name in ("hits", "asked")})
-
-
-def test_a_crossing(crossed: Crossing) -> None:
-    ends = [(10, 11), (10, 13), (11, 12), (12, 10), (13, 13), (40, 41), (41, 40)]
-    names = np.array([10, 11, 12, 13, 40, 41])
-    assert list(zip(names[crossed.source], names[crossed.target], strict=True)) == ends
-    np.testing.assert_array_equal(crossed.couple, [0, 0, 2, 3, 4, 1, 5, 6])
-    np.testing.assert_array_equal(crossed.tier, [0, 0, 0, 0, 2, 2])
-    np.testing.assert_array_equal(crossed.sizes(), [4, 0, 2])
-    assert [crossed.extent(group) for group in range(4)] == [(6, 2), (4, 1), (0, 1), (2, 1)]
-    np.testing.assert_array_equal(crossed.of_group(0), np.ones(7, bool))
-    np.testing.assert_array_equal(crossed.of_group(1), [1, 1, 1, 1, 1, 0, 0])
-    np.testing.assert_array_equal(crossed.of_group(3), [0, 0, 0, 0, 0, 1, 1])
-    np.testing.assert_array_equal(crossed.sum(COLUMNS["hits"]), [3, 2, 0, 3, 1, 3, 1])
-    drawn = np.array([[2.0, 1, 0, 3, 1, 1]])
-    np.testing.assert_array_equal(crossed.weights(drawn), [[2, 6, 0, 0, 3, 1, 1]])
-    np.testing.assert_array_equal(crossed.shares(np.arange(1.0, 8)), [3.5, 2, 3.5, 6, 6.5, 6.5])
 
 
 @pytest.mark.parametrize("dense", [0, 32])
@@ -173,7 +124,6 @@ def test_an_interval_by_hand() -> None:
     found = interval(ERROR, 3.0, values, 0.9, 5, 2)
     assert found == pytest.approx([math.exp(middle - reach), math.exp(middle + reach)])
     tail = stats.norm.cdf(-math.sqrt(5 / 3) * t)
-    assert bootstrap.expanded_tail(0.05, 5, 2) == pytest.approx(tail)
     quantiles = np.quantile(values, [tail, 1 - tail])
     assert interval(SHARE, 3.0, values, 0.9, 5, 2) == pytest.approx(quantiles)
     assert interval(ERROR, 0.0, values, 0.9, 5, 2) == pytest.approx(quantiles)
@@ -265,13 +215,3 @@ def test_an_unclear_difference_needs_very_many_sequences_and_a_clear_one_six() -
     # Differences of 1 + 1.5 and 1 - 1.5: 8 (1.960 + 0.842)^2 1.5^2 / 7 + 1.960^2 / 2 = 22.1.
     spread = paired_difference(SHARE, (base, asked), (base + [2.5, -0.5] * 4, asked), crossed, 0.95)
     assert spread.sequences_needed == 23
-
-
-def test_subsets_of_thirteen_sequences_follow_the_first_twelve() -> None:
-    subsets = sign_flips._subsets(13)
-    assert subsets.shape == (2**12 - 1, 13)
-    assert subsets.any(axis=1).all()
-    combination = [subsets[2**bit - 1, 12] for bit in range(12)]  # of the single generators
-    np.testing.assert_array_equal(subsets[:, 12], subsets[:, :12] @ combination % 2)
-    drawn = int(np.random.default_rng(13).integers(1, 2**12))
-    np.testing.assert_array_equal(combination, [drawn >> bit & 1 for bit in range(12)])

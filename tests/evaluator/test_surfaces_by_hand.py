@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,14 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.evaluator.metrics import dense_truth, surface_workers
+from pliant.evaluator.metrics import dense_truth, surfaces
 from pliant.evaluator.metrics.matches import Matches, MatchesSettings, match_blocks
 from pliant.evaluator.metrics.surface_images import (
     ObjectSurface,
-    _box,
     farthest_material_m,
     pixel_steps_m,
-    silhouette_distance_px,
     typical_step_m,
 )
 from pliant.evaluator.metrics.surfaces import SurfaceFacts, Surfaces
@@ -56,26 +53,11 @@ def test_what_neighbouring_pixels_span() -> None:
     assert typical_step_m(surface([[0, 8, 8, 8]]), SHEET) == 4  # equal ones do not count
 
 
-def test_the_box_of_an_object() -> None:
-    on = np.zeros((5, 7), bool)
-    assert _box(on) == (slice(0, 0), slice(0, 0))
-    on[1, 5] = on[3, 2] = True
-    assert _box(on) == (slice(1, 4), slice(2, 6))
-    assert typical_step_m(ObjectSurface(on, on * 1.0, on * 1.0), SHEET) == 0
-
-
 def test_the_farthest_that_two_points_can_be_apart() -> None:
     assert farthest_material_m(SHEET) == pytest.approx(20 * math.sqrt(2))
     angle = MaterialCoordinate("theta", -3.0, 3.0, 2.0, 6.0)
     shifted = MaterialCoordinate("s", 1.0, 5.0, 2.0)
     assert farthest_material_m(MaterialObject(1, "rope", (shifted, angle))) == math.hypot(8, 6)
-
-
-def test_the_silhouette_of_one_pixel() -> None:
-    on = np.zeros((5, 6), bool)
-    on[1, 3] = True
-    uv_px = np.array([[3.5, 1.5], [3.9, 1.5], [3.5, 1.1], [3.1, 1.5], [3.5, 1.9]])
-    np.testing.assert_allclose(silhouette_distance_px(on, uv_px), [1, 0.6, 0.6, 0.6, 0.6])
 
 
 class Dataset:
@@ -200,13 +182,6 @@ def test_points_are_read_once_per_tier() -> None:
     assert found.path("s", 1) == Path("s") / layout.depth_name(1)
 
 
-def test_a_copy_of_surfaces_for_another_process() -> None:
-    for wanted in (False, True):
-        make, arguments = Surfaces(Dataset(), 3, 2.5, silhouettes=wanted).__reduce__()  # type: ignore[arg-type]
-        copy = make(*arguments)
-        assert (copy._search_px, copy._reach_px, copy._silhouettes) == (3, 2.5, wanted)
-
-
 def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
     found = Surfaces(scene.dataset).frame("cloth-test-000000", 1)
     assert found is not None
@@ -216,13 +191,6 @@ def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
 
 def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of 0.5 m, one of 4 m, eight times the typical one, and a fold of 4.5 m."""
-    sizes = []
-
-    class Noted(MaterialObject):
-        def distance_m(self, first: Any, second: Any) -> Any:
-            sizes.append(np.broadcast_shapes(first.shape, second.shape)[:-1])
-            return super().distance_m(first, second)
-
     target = surface([[NAN, 0, 1, 2, 3, 11, 20, NAN], [NAN] * 8])
     footprint = dense_truth._footprint_m(target, SHEET)
     np.testing.assert_allclose(footprint[0], [0, 0.5, 0.5, 0.5, 4, 4, 0.5, 0])
@@ -231,19 +199,15 @@ def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(dense_truth._footprint_m(upright, SHEET), footprint.T)
     source = surface([[1.5, 7, 15, 15.5, 19, NAN], [NAN, 18.9, 0.1, 2.9, NAN, 20]])
     uv_a_px = np.array([[u + 0.5, v + 0.5] for v in (0, 1) for u in range(6)])
-    for cells, most in ((1 << 21, 9), (6 * 4 + 5, 4), (1, 1)):
-        monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", cells)
-        sheet = Noted(SHEET.id, SHEET.name, SHEET.material)
-        found = dense_truth.dense_truth(source, target, uv_a_px, sheet, 0.5)
-        expected = [(min(most, 9 - first), 6) for first in range(0, 9, most)]
-        assert [each for each in sizes if len(each) == 2 and each[1] == 6] == expected
-        sizes.clear()
     on = [True] * 5 + [False, False] + [True] * 3 + [False, True]
-    assert found.on_object.tolist() == on
     u = [2.5, 4.5, 5.5, NAN, NAN, NAN, NAN, NAN, 1.5, 4.5, NAN, 6.5]
-    np.testing.assert_array_equal(found.uv_b_px[:, 0], u)
-    assert found.visible.tolist() == (~np.isnan(u)).tolist()
-    assert (found.uv_b_px[found.visible, 1] == 0.5).all()
+    for cells in (1 << 21, 6 * 4 + 5, 1):
+        monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", cells)
+        found = dense_truth.dense_truth(source, target, uv_a_px, SHEET, 0.5)
+        assert found.on_object.tolist() == on
+        np.testing.assert_array_equal(found.uv_b_px[:, 0], u)
+        assert found.visible.tolist() == (~np.isnan(u)).tolist()
+        assert (found.uv_b_px[found.visible, 1] == 0.5).all()
     nowhere = dense_truth.dense_truth(source, surface([[NAN]]), uv_a_px, SHEET, 0.5)
     assert not nowhere.visible.any()
 
@@ -293,44 +257,19 @@ def test_matches_by_hand() -> None:
 
 def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are read 2 per worker ahead, without what the workers do not need."""
-    begun, ended, read = [], [], []
-
-    class Executor:
-        def __init__(self, workers: int, *, initializer: Any, initargs: Any, **_: Any) -> None:
-            assert workers == 2
-            initializer(*initargs)
-
-        def submit(self, look_up: Callable[[Any], Any], block: Any) -> Future[Any]:
-            begun.append(block)
-            future: Future[Any] = Future()
-            future.set_result(look_up(block))
-            return future
-
-        def shutdown(self, **_: Any) -> None:
-            ended.append(True)
-
-    monkeypatch.setattr(surface_workers, "_process_surfaces", None)
-    monkeypatch.setattr(surface_workers, "ProcessPoolExecutor", Executor)
+    monkeypatch.setattr(
+        surfaces, "ProcessPoolExecutor",
+        lambda workers, mp_context, **more: ThreadPoolExecutor(workers, **more),
+    )  # fmt: skip
     made = Split(split([1] * 7), np.zeros((7, 2)), box_px=np.ones(7), uv_a_px=np.ones((7, 2)))
-    with pytest.raises(RuntimeError, match="was not started"):
-        surface_workers._look_up_in_process(made.block(0, 1))
-    blocks = [made.block(pair, pair + 1) for pair in range(7)]
-    kept = {}
+    blocks, kept = [made.block(pair, pair + 1) for pair in range(7)], {}
     stand_in: Any = SimpleNamespace(
-        facts=lambda block, queries: (block.first_pair, queries is made.queries),
+        facts=lambda block, queries: (block.first_pair, queries is made.queries, block.box_px),
         keep=lambda block, facts: kept.update({block.first_pair: facts}),
     )
-
-    def given() -> Any:
-        for block in blocks:
-            read.append(block)
-            yield block
-
-    ahead = surface_workers.looked_up_ahead(given(), stand_in, made.queries, 2)
+    rest = iter(blocks)
+    ahead = surfaces.looked_up_ahead(rest, stand_in, made.queries, 2)
     assert next(ahead) is blocks[0]
-    assert len(read) == 5
-    assert kept == {0: (0, True)}
-    assert begun[0].box_px is begun[0].uv_a_px is begun[0].partners is None
-    assert list(ahead) == blocks[1:]
-    assert kept == {pair: (pair, True) for pair in range(7)}
-    assert ended == [True]
+    assert next(rest) is blocks[5]
+    assert list(ahead) == [*blocks[1:5], blocks[6]]
+    assert kept == {pair: (pair, True, None) for pair in (0, 1, 2, 3, 4, 6)}
