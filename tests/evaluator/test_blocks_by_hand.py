@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.evaluator.metrics import blocks
-from pliant.evaluator.metrics.base import Groups, Summary
+from pliant.evaluator.metrics.base import Groups, Metric, Summary
 from pliant.evaluator.metrics.blocks import check_truth, read_blocks
 from pliant.evaluator.metrics.causes import Causes, cause_rows
 from pliant.evaluator.submission.answers import SplitAnswers
@@ -23,6 +23,12 @@ from pliant.spec.tables import TRUTH
 from tests.evaluator.hand_made import Split, off_by, split
 
 NAN = math.nan
+
+
+def test_a_metric_says_itself_what_it_takes_in() -> None:
+    made = Split(split([1]), off_by(0))
+    with pytest.raises(NotImplementedError):
+        Metric[Any](None, made.context).update(made.block(0, 1))
 
 
 def written(folder: Path, **columns: Any) -> tuple[Queries, Path]:

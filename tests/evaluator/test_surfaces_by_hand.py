@@ -267,6 +267,9 @@ def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyP
         facts=lambda block, queries: (block.first_pair, queries is made.queries, block.box_px),
         keep=lambda block, facts: kept.update({block.first_pair: facts}),
     )
+    monkeypatch.setattr(surfaces, "_process_surfaces", None)
+    with pytest.raises(RuntimeError, match="was not started"):
+        surfaces._look_up_in_process(blocks[0])
     rest = iter(blocks)
     ahead = surfaces.looked_up_ahead(rest, stand_in, made.queries, 2)
     assert next(ahead) is blocks[0]
