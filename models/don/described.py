@@ -13,7 +13,7 @@ from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired
-from pliant.models.don.segmentation import Foreground, rope_masks
+from pliant.models.don.segmentation import Foreground, cloth_mask, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import MaskNetwork
 from pliant.spec.arrays import Mask
@@ -117,18 +117,21 @@ class ViewDescriber:
         return view.replace(variant="segmented", mask=found[0], objects=found[1])
 
     def foreground(self, view: Frame) -> Frame:
-        """Return a view without masks with the network's own foreground as its masks.
+        """Return a view of a cloth with a mask found in its picture, where it has none.
 
-        The view stays as it is for a network that predicts none or sees no picture.
+        It is the network's foreground, sharpened by colour. The view stays as it is for a network
+        that predicts none or sees no picture, and where nothing stands out from the table.
         """
         if view.mask is not None or not self.segments:
             return view
-        found = self.described(view)
-        mask, objects = (
-            None if each is None else resize_nearest(each, view.size)
-            for each in (found.mask, found.objects)
-        )
-        return view.replace(variant="foreground", mask=mask, objects=objects)
+        found = self._found.get(view.cache_key, lambda: self._find_cloth(view))
+        return view if found is None else view.replace(variant="foreground", mask=found[0])
+
+    def _find_cloth(self, view: Frame) -> tuple[Mask, None] | None:
+        """Return the mask of `foreground`, or None where nothing stands out."""
+        out = self._out(self.given.image(*self._resized(view)))
+        mask = cloth_mask(view.rgb, out.foreground[0, 0].cpu().sigmoid().numpy())
+        return None if mask is None else (mask, None)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""

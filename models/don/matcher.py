@@ -197,7 +197,7 @@ class DonMatcher:
 
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
-        return self._views.segmented(view).mask if self.reader.finds_masks else view.mask
+        return self.segmented(view).mask
 
     def _answers(self, decided: _Decided) -> Answers:
         """Return what the distribution says of the queries, in pixels of the target as seen."""

@@ -81,7 +81,8 @@ class RopeReader:
         """Return a view as it is answered in: not too small; a rope's from above, with masks."""
 
         def prepared() -> Reframed:
-            masked = self._views.segmented(view) if self._settings.decode == "trace" else view
+            rope = self._settings.decode == "trace"
+            masked = self._views.segmented(view) if rope else self._views.foreground(view)
             seen = self._from_above(masked)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
             seen = seen if shown is None else upright(seen, shown)

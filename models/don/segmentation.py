@@ -1,8 +1,8 @@
-"""Masks of a rope in an image that comes without: the network's foreground, sharpened by colour.
+"""Masks of an object in an image without any: the network's foreground, sharpened by colour.
 
-A network knows about where the rope is: the `MaskNetwork` of the run, or else the descriptor
+A network knows about where the object is: a rope's `MaskNetwork`, or else the descriptor
 network, whose foreground is coarser. Nearby, every pixel is compared with the table around the
-rope, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
+object, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
 negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
 chroma and the mean of log r; where the network is sure, whatever the colour. `ball.py` tells the
 ball from the rope.
@@ -59,26 +59,51 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
         Two bool (H, W); None instead of the second where no ball is found, which may be there all
         the same; None where nothing stands out from the table.
     """
-    height, width = rgb.shape[:2]
-    size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * height / width)))
-    p, p_rope, first = (
-        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
-        for each in (np.maximum(seen.rope, seen.objects), seen.rope, seen.first)
-    )
+    shape = rgb.shape[:2]
+    objects = _shown(rgb, np.maximum(seen.rope, seen.objects))
+    if objects is None:
+        return None
+    ball = ball_in(objects, _working(seen.rope, shape), _working(seen.first, shape))
+    with_ball = _enlarged(objects | ball, shape) if ball.any() else None
+    return _enlarged(objects & ~ball, shape), with_ball
+
+
+def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Mask | None:
+    """Return where a cloth is seen, bool (H, W), or None where nothing stands out from the table.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB.
+        cloth: float32 (h, w), the network's probability that a pixel shows the cloth.
+    """
+    shown = _shown(rgb, cloth)
+    if shown is None:
+        return None
+    return _enlarged(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
+
+
+def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask | None:
+    """Return where objects are seen, at the working size, or None where there are none."""
+    p = _working(likely, rgb.shape[:2])
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
+    size = p.shape[::-1]
     small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     objects = _large_parts(_cut(small, p, near))
-    if objects.sum() < _LEAST_PIXELS:
-        return None
-    ball = ball_in(objects, p_rope, first)
+    return objects if objects.sum() >= _LEAST_PIXELS else None
 
-    def enlarged(mask: Mask) -> Mask:
-        grey = mask.astype(np.uint8) * 255
-        return cv2.resize(grey, (width, height), interpolation=cv2.INTER_LINEAR) > 127
 
-    return enlarged(objects & ~ball), enlarged(objects | ball) if ball.any() else None
+def _working(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> FloatArray:
+    """Return values at the working size of a picture (height, width)."""
+    size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * shape[0] / shape[1])))
+    resized = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(resized, dtype=np.float64)
+
+
+def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return a mask of the working size at that of a picture (height, width)."""
+    grey = mask.astype(np.uint8) * 255
+    return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
 
 
 def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:

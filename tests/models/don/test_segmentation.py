@@ -14,7 +14,7 @@ from scipy import ndimage
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.segmentation import Foreground, rope_masks
+from pliant.models.don.segmentation import Foreground, cloth_mask, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
 from pliant.spec.arrays import Mask
@@ -112,11 +112,23 @@ def test_a_ball_like_the_table_is_where_the_first_end_is() -> None:
     assert overlap(own, rope) > 0.8
 
 
+def test_a_print_of_the_tables_colour_is_a_part_of_its_cloth() -> None:
+    rgb = scene()[0]
+    cloth, printed = np.zeros((2, HEIGHT, WIDTH), np.bool_)
+    cloth[100:380, 150:500] = True
+    printed[200:260, 220:400] = True
+    rgb[cloth & ~printed] = (30, 60, 160)
+    found = cloth_mask(rgb, vague(cloth).rope)
+    assert found is not None
+    assert overlap(found, cloth) > 0.97
+
+
 @pytest.mark.parametrize("p", [0.0, 1.0])
 def test_nothing_is_found_where_the_network_sees_nothing_or_all(p: float) -> None:
     rgb = scene()[0]
     everywhere = np.full((HEIGHT // 4, WIDTH // 4), p, dtype=np.float32)
     assert rope_masks(rgb, Foreground(everywhere, everywhere, everywhere)) is None
+    assert cloth_mask(rgb, everywhere) is None
 
 
 def test_nothing_stands_out_from_an_even_picture() -> None:
