@@ -52,7 +52,7 @@ def _are_names(column: pa.ChunkedArray) -> bool:
 
 
 def _check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> None:
-    """Refuse sequences whose names are no folder names, or whose tiers nothing describes."""
+    """Refuse names that cannot be those of folders, and tiers that are not described."""
     if not _are_names(listing["id"]) or not _are_names(listing["tier"]):
         named = zip(listing["id"].to_pylist(), listing["tier"].to_pylist(), strict=True)
         name, tier = next(each for each in named if not all(map(is_name, each)))

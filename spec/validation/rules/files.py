@@ -48,7 +48,7 @@ class SequenceFiles:
         return self.findings.at(f"{self.shown}/{name}")
 
     def contents(self, name: str) -> AnyFile | None:
-        """Return a file that is there and has its checksum: an image's bytes, or a path.
+        """Return a file with the right checksum: an image's bytes, or a path.
 
         Reports `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE` and `FILE_UNREADABLE`.
 
