@@ -7,7 +7,6 @@ planes in closed form, and a point is seen if nothing is hit before it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,38 +14,6 @@ import numpy.typing as npt
 from pliant.spec.arrays import FloatArray
 
 SAME_M = 1e-9
-
-
-@dataclass(frozen=True)
-class Hits:
-    """First hits of N rays.
-
-    Attributes:
-        t: float64 (N,), multiples of the ray's direction; inf for none.
-        material: float64 (N, 2), 0 for none.
-        object_id: int64 (N,), 0 for none.
-    """
-
-    t: FloatArray
-    material: FloatArray
-    object_id: npt.NDArray[np.int64]
-
-
-class Shape(Protocol):
-    """Something rays can hit."""
-
-    @property
-    def object_id(self) -> int:
-        """Id of the object."""
-        ...
-
-    def position(self, m0: FloatArray, m1: FloatArray, /) -> FloatArray:
-        """Return world positions (N, 3) of surface points by their material coordinates."""
-        ...
-
-    def hit(self, origin: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return t (N,), inf for none, and the material coordinates (N, 2) there."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -259,12 +226,19 @@ class Scene:
         length: Length of the tube.
     """
 
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Tube | Ball | Sheet, ...]
     centreline_diameter: float = 0.0
     length: float = 1.0
 
-    def trace(self, origin: FloatArray, direction: FloatArray) -> Hits:
-        """Return the first hits of rays."""
+    def trace(
+        self, origin: FloatArray, direction: FloatArray
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+        """Return the first hits of N rays.
+
+        Returns:
+            float64 (N,), multiples of the ray's direction, inf for none; material coordinates,
+            float64 (N, 2), 0 for none; object ids, int64 (N,), 0 for none.
+        """
         t = np.full(len(direction), np.inf)
         material = np.zeros((len(direction), 2))
         object_id = np.zeros(len(direction), np.int64)
@@ -274,19 +248,15 @@ class Scene:
             t[nearer] = found[nearer]
             material[nearer] = where[nearer]
             object_id[nearer] = shape.object_id
-        return Hits(t, material, object_id)
+        return t, material, object_id
 
     def image(self, view: View) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
         """Return depth (H, W), material (H, W, 2) and object ids (H, W) at pixel centres."""
         v, u = np.mgrid[: view.height, : view.width] + 0.5
-        hits = self.trace(view.eye, view.rays(np.stack([u.ravel(), v.ravel()], axis=1)))
-        shape = (view.height, view.width)
+        rays = view.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+        t, material, object_id = self.trace(view.eye, rays)
         # The rays' camera-space z is 1, so t is planar depth.
-        return (
-            hits.t.reshape(shape),
-            hits.material.reshape(*shape, 2),
-            hits.object_id.reshape(shape),
-        )
+        return t.reshape(u.shape), material.reshape(*u.shape, 2), object_id.reshape(u.shape)
 
     def states(
         self,
@@ -304,14 +274,14 @@ class Scene:
             s_of_line: float64 (N,), s of a centre-line point; NaN for a surface point.
         """
         uv, depth = view.project(xyz_m)
-        hits = self.trace(view.eye, view.rays(uv))
+        t, material, shown = self.trace(view.eye, view.rays(uv))
         states = []
         for index in range(len(xyz_m)):
             inside = 0 <= uv[index, 0] < view.width and 0 <= uv[index, 1] < view.height
-            own = hits.object_id[index] == object_id[index]
-            seen = hits.t[index] >= depth[index] - SAME_M
+            own = shown[index] == object_id[index]
+            seen = t[index] >= depth[index] - SAME_M
             if not np.isnan(s_of_line[index]):
-                gap = abs(hits.material[index, 0] - s_of_line[index]) * self.length
+                gap = abs(material[index, 0] - s_of_line[index]) * self.length
                 seen = own and gap <= self.centreline_diameter
             if not inside or depth[index] <= 0:
                 states.append("out_of_frame")

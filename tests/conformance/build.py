@@ -6,14 +6,12 @@ every case the files that differ from its base, and the submissions with their i
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,27 +29,10 @@ SUBMISSIONS = HERE / "submissions"
 SUBMISSIONS_INDEX = HERE / "submissions.json"
 
 
-@dataclass(frozen=True)
-class Case:
-    """One named way of changing a valid dataset, as `cases.yaml` lists it.
-
-    Attributes:
-        name: Unique, in words joined by hyphens.
-        base: The base dataset.
-        codes: The issue codes a validator must report: these and no others.
-        change: What is changed.
-        steps: How: see `steps.perform`.
-    """
-
-    name: str
-    base: str
-    codes: list[str]
-    change: str
-    steps: list[dict[str, Any]]
-
-
-CASES = [Case(**entry) for entry in read_yaml(Path(__file__).with_name("cases.yaml"))]
-"""Every case of a dataset, in order."""
+CASES: list[dict[str, Any]] = read_yaml(Path(__file__).with_name("cases.yaml"))
+"""Every case of a dataset, in order: its unique `name`, in words joined by hyphens, the `base`
+dataset, the `codes` that a validator must report, these and no others, and what is changed: in
+words (`change`), and the `steps` of `steps.perform`."""
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -65,7 +46,9 @@ def files_of(root: Path) -> dict[str, Path]:
     }
 
 
-def describe(case: Case, base: Path, changed: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
+def describe(
+    case: dict[str, Any], base: Path, changed: Path
+) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Compare a changed dataset with its base.
 
     Args:
@@ -85,10 +68,8 @@ def describe(case: Case, base: Path, changed: Path) -> tuple[dict[str, Any], dic
         and (name not in before or path.read_bytes() != before[name].read_bytes())
     }
     entry: dict[str, Any] = {
-        "name": case.name,
-        "base": case.base,
-        "change": case.change,
-        "codes": sorted(case.codes),
+        **{key: case[key] for key in ("name", "base", "change")},
+        "codes": sorted(case["codes"]),
         "remove": sorted((set(before) - set(after)) | (set(links) & set(before))),
         "files": sorted(files),
         "links": links,
@@ -121,10 +102,10 @@ def build_cases(datasets: Path) -> Iterator[tuple[dict[str, Any], dict[str, byte
     """Yield the entry and the files of every case, made from base datasets."""
     with tempfile.TemporaryDirectory() as scratch:
         for case in CASES:
-            changed = Path(scratch) / case.name
-            shutil.copytree(datasets / case.base, changed)
-            perform(changed, case.steps)
-            yield describe(case, datasets / case.base, changed)
+            changed = Path(scratch) / case["name"]
+            shutil.copytree(datasets / case["base"], changed)
+            perform(changed, case["steps"])
+            yield describe(case, datasets / case["base"], changed)
             shutil.rmtree(changed)
 
 
@@ -165,11 +146,5 @@ def build_submissions() -> None:
     SUBMISSIONS_INDEX.write_text(json.dumps(document, indent=1) + "\n")
 
 
-def main() -> None:
-    """Run as a program."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
-    build()
-
-
 if __name__ == "__main__":
-    main()
+    build()

@@ -265,20 +265,9 @@ _KINDS: Final[tuple[Kind, ...]] = (
 
 
 def restore(base: Path, root: Path) -> None:
-    """Bring a corrupted copy back to its base, touching only what differs.
-
-    Args:
-        base: The valid dataset.
-        root: The copy.
-    """
-    wanted = {path.relative_to(base) for path in base.rglob("*") if path.is_file()}
-    for path in list(root.rglob("*")):
-        if path.is_file() and path.relative_to(root) not in wanted:
-            path.unlink()
-    for name in wanted:
-        source, target = base / name, root / name
-        if not target.is_file() or target.read_bytes() != source.read_bytes():
-            shutil.copyfile(source, target)
+    """Bring a corrupted copy back to its base, a valid dataset."""
+    shutil.rmtree(root)
+    shutil.copytree(base, root)
 
 
 def is_harmless(base: Path, changed: Path) -> bool:
@@ -290,7 +279,8 @@ def is_harmless(base: Path, changed: Path) -> bool:
     """
     try:
         before, after = Dataset.open(base), Dataset.open(changed)
-        if not _same_document(before.info, after.info, "dataset.json"):
+        same = _same_document(before.info, after.info, "dataset.json")
+        if not same or not _same_listing(base, changed):
             return False
         ids = sorted(sequence.id for sequence in before.sequences)
         if ids != sorted(sequence.id for sequence in after.sequences):
@@ -364,7 +354,7 @@ def _written(rows: pa.Table) -> np.ndarray[Any, Any]:
     return np.column_stack([rows.column(name).to_numpy() for name in names])
 
 
-def same_listing(base: Path, changed: Path) -> bool:
+def _same_listing(base: Path, changed: Path) -> bool:
     """Return whether sequences.parquet still says the same, in any order, `coverage` apart."""
     old, new = (
         read_table(root / layout.SEQUENCES_TABLE, "sequences")

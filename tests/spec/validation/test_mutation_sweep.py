@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pliant.spec.validation.validate import validate
-from tests.conformance.corruption import corrupt, is_harmless, restore, same_listing
+from tests.conformance.corruption import corrupt, is_harmless, restore
 
 PROCESS = Path("/proc/self")
 BASE = Path(__file__).resolve().parents[3] / "spec" / "conformance" / "datasets" / "full"
@@ -62,7 +62,6 @@ def test_reported_or_harmless(copy: Path, forget_the_peak: int, count: int) -> N
         report = validate(copy)
         outcomes["reported" if report.counts else "harmless"] += 1
         if not report.counts:
-            assert same_listing(BASE, copy), done
             assert is_harmless(BASE, copy), done
 
     sweep()
