@@ -180,10 +180,10 @@ def with_weights(table: pa.Table) -> pa.Table:
     return table.append_column("weight", pa.array(np.ones(table.num_rows, np.float32)))
 
 
-def with_null(table: pa.Table, name: str) -> pa.Table:
+def with_null(table: pa.Table, name: str, row: int = 5) -> pa.Table:
     """Make a value of a column null."""
     values = table.column(name).to_pylist()
-    values[5] = None
+    values[row] = None
     field = table.schema.field(name).with_nullable(True)
     return _replaced(table, name, pa.array(values, field.type), field)
 

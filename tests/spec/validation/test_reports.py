@@ -21,17 +21,10 @@ from pliant.spec.validation.rules.result import (
     shape_key,
 )
 from pliant.spec.validation.validate import Report, _crashed, validate
-from tests.conformance.edits import (
-    ROPE_TEST,
-    ROPE_TRAIN,
-    change_footer,
-    change_json,
-    change_rows,
-    listed,
-    write,
-)
+from tests.conformance.edits import ROPE_TEST, ROPE_TRAIN
 from tests.conformance.publications import pack
-from tests.spec.validation.world import rows_at, words
+from tests.conformance.steps import perform
+from tests.spec.validation.world import Found, rows_at, words
 
 Copy = Callable[[str], Path]
 
@@ -112,16 +105,20 @@ def test_the_refusal_of_a_file_is_one_sentence() -> None:
     assert findings.at("b").counts == {"FILE_UNREADABLE": 1, "FILE_TOO_LARGE": 1}
 
 
+def codes(report: Report) -> Found:
+    assert len(report.issues) == report.total
+    return [(issue.code, issue.path, issue.where) for issue in report.issues]
+
+
 def spoil(root: Path) -> None:
     """Three codes: 2 extra files, 3 wrong seeds, 4 rows of points without order."""
-    for name in ("y", "x"):
-        write(name, b"")(root)
-    change_rows("sequences.parquet", lambda rows: [r | {"seed": -1} for r in rows[:3]] + rows[3:])(
-        root
-    )
-    for folder in (ROPE_TRAIN, ROPE_TEST):
-        change_rows(f"{folder}/points.parquet", lambda rows: [rows[1], rows[0], *rows[2:]])(root)
-    listed()(root)
+    steps = [
+        *[{"write": name} for name in ("y", "x")],
+        {"rows": LISTING, "set": {f"{k}.seed": -1 for k in range(3)}},
+        *[{"rows": table, "exchange": ["0"]} for table in ROPES],
+        {"relist": "sequences"},
+    ]
+    perform(root, steps)
 
 
 def test_a_report_keeps_some_problems_of_every_code(copy_of: Copy) -> None:
@@ -154,136 +151,104 @@ def test_a_report_keeps_some_problems_of_every_code(copy_of: Copy) -> None:
     assert [each["code"] for each in issues] == [issue.code for issue in report.issues]
 
 
-def test_warnings_leave_a_dataset_valid(copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    change_json("dataset.json", lambda d: d.update(spec_version="1.9.0"))(root)
-    report = validate(root, quick=True)
-    assert report.counts == {"SPEC_VERSION_NEWER": 1}
-    assert (report.errors, report.total, report.valid) == (0, 1, True)
-    write("junk", b"")(root)
-    report = validate(root, quick=True)
-    assert (report.errors, report.total, report.valid) == (1, 2, False)
-
-
-def codes(report: Report) -> list[tuple[str, str]]:
-    assert len(report.issues) == report.total
-    return [(issue.code, issue.path) for issue in report.issues]
-
-
-def test_a_dataset_that_cannot_be_understood(copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    broken = change_json("dataset.json", lambda d: d.update(tiers=d["tiers"] * 2))
-    broken(root)
-    report = validate(root, quick=True)
-    assert codes(report) == [("TIER_INVALID", "dataset.json")]
-    assert (report.sequences, report.frames) == (0, 0)
-    (root / "dataset.json").rename(root / "x")
-    (root / "dataset.json").symlink_to("x")
-    assert codes(validate(root, quick=True)) == [
-        ("PATH_UNSAFE", "dataset.json"), ("FILE_EXTRA", "x"),
-    ]  # fmt: skip
-    assert validate(root, quick=True, workers=1, limit=1).total == 2
-
-
-def test_points_of_a_tier_are_the_same_in_every_sequence(copy_of: Copy) -> None:
-    root = copy_of("full")
-    table = "points.parquet"
-    listed(change_rows(f"{ROPE_TRAIN}/{table}", lambda rows: rows[80].update(m0=0.955)))(root)
-    assert codes(validate(root, quick=True)) == [("POINTS_DIFFER", f"{ROPE_TRAIN}/{table}")]
-    # Of the sequence after one without sound points the points are the first.
-    listed(change_rows(f"{ROPE_TEST}/{table}", lambda rows: rows[80].update(m0=7.0)))(root)
-    found = codes(validate(root, quick=True))
-    assert ("VALUE_OUT_OF_RANGE", f"{ROPE_TEST}/{table}") in found
-    assert "POINTS_DIFFER" not in [code for code, _ in found]
-
-
-def test_a_row_of_another_tier_is_not_that_of_the_folder(copy_of: Copy) -> None:
-    """It is not compared with the sequence.json, whose seed is another."""
-    root = copy_of("full")
-    change = change_rows("sequences.parquet", lambda rows: rows[0].update(tier="cloth-1", seed=99))
-    change(root)
-    assert codes(validate(root, quick=True)) == [
-        ("ROW_MISSING", "sequences.parquet"),
-        ("FILE_MISSING", "sequences/cloth-1/rope-train-000000"),
-    ]
-
-
-def test_queries_that_are_there_or_that_are_linked(copy_of: Copy) -> None:
-    root = copy_of("full")
-    change_rows("queries/test.parquet", lambda rows: rows[0].update(u_a=1.5))(root)
-    (root / "truth/test.parquet").unlink()
-    expected = [("QUERY_NOT_VISIBLE", "queries/test.parquet")]
-    assert codes(validate(root, quick=True)) == expected
-    (root / "queries/test.parquet").rename(root / "queries/val.parquet")
-    found = {code for code, _ in codes(validate(root, quick=True))}
-    assert found == {"SPLIT_UNKNOWN", "IDENTITY_DIFFERS", "QUERY_INVALID"}
-    (root / "queries/val.parquet").rename(root / "README.md")
-    (root / "truth/test.parquet").symlink_to("nowhere")
-    found = {path for _, path in codes(validate(root, quick=True))}
-    assert found == {"truth/test.parquet", "queries/test.parquet"}
-
-
-def test_a_packed_dataset_by_its_index(copy_of: Copy) -> None:
-    root = copy_of("full")
-    pack(root)
-    report = validate(root, quick=True)
-    assert codes(report) == []
-    assert (report.sequences, report.frames) == (5, 8)
-    index = (root / "index.parquet").read_bytes()
-    (root / "index.parquet").write_bytes(b"x")
-    report = validate(root, quick=True)
-    assert codes(report) == [("FILE_UNREADABLE", "index.parquet")]
-    assert (report.sequences, report.frames) == (0, 0)
-    (root / "index.parquet").write_bytes(index)
-
-    def change(rows: list[dict[str, Any]]) -> None:
-        rows[0]["files"][1]["path"] = rows[0]["files"][0]["path"]
-
-    change_rows("index.parquet", change)(root)
-    assert ("INDEX_INVALID", "index.parquet") in codes(validate(root, quick=True))
+INDEX, LISTING, CLOTH = "index.parquet", "sequences.parquet", "cloth-1-train-000000"
+TWO = ("cameras.json", "correspondences.parquet")
 
 
 @pytest.mark.parametrize(
-    ("path", "code", "where"),
+    ("steps", "expected"),
     [
-        ("a/b/c", "PATH_UNSAFE", "{}, a/b/c"),
-        ("../c", "PATH_UNSAFE", "{}, ../c"),
-        ("notes", "FILE_EXTRA", ""),
+        ([{"write": INDEX, "text": "x"}], [("FILE_UNREADABLE", INDEX, "")]),
+        ([{"table": INDEX, "by": ["with_null", "id", 0]}], [("VALUE_NULL", INDEX, "id")]),
+        (
+            [{"footer": INDEX, "set": {"dataset.id": "other"}}, {"remove": LISTING}],
+            [("IDENTITY_DIFFERS", INDEX, "footer dataset"), *[("FILE_MISSING", LISTING, "")] * 2],
+        ),
+        (
+            [{"rows": INDEX, "repeat": {"0.files.0": {"path": "a/b/c"}}}],
+            [("PATH_UNSAFE", INDEX, f"{CLOTH}, a/b/c")],
+        ),
+        (
+            [{"rows": INDEX, "repeat": {"0.files.0": {"path": "notes"}}}],
+            [("FILE_EXTRA", f"sequences/cloth-1/{CLOTH}/notes", "")],
+        ),
+        (
+            [{"rows": INDEX, "set": {f"0.files.{k}.offset": 2**40 for k in range(2)}}],
+            [("INDEX_INVALID", INDEX, f"{CLOTH}, {name}") for name in TWO],
+        ),
+        ([{"rows": INDEX, "double": ["0.files.0"]}], [("INDEX_INVALID", INDEX, CLOTH)]),
+        # A sequence whose name is not safe is left packed.
+        (
+            [{"rows": LISTING, "set": {"0.tier": "../../up"}}],
+            [("TIER_UNKNOWN", LISTING, "row 0, tier")],
+        ),
+        (
+            [{"rows": each, "set": {"0.id": "../up"}} for each in (LISTING, INDEX)],
+            [("PATH_UNSAFE", LISTING, "row 0")],
+        ),
     ],
 )
-def test_a_packed_file_of_another_name(path: str, code: str, where: str, copy_of: Copy) -> None:
+def test_a_packed_dataset(steps: list[dict[str, Any]], expected: Found, copy_of: Copy) -> None:
     root = copy_of("minimal")
     pack(root)
-    name = "cloth-1-train-000000"
-
-    def change(rows: list[dict[str, Any]]) -> None:
-        rows[0]["files"].append(rows[0]["files"][0] | {"path": path})
-
-    change_rows("index.parquet", change)(root)
-    (issue,) = validate(root, quick=True).issues
-    in_folder = f"sequences/cloth-1/{name}/{path}"
-    expected = (code, in_folder if code == "FILE_EXTRA" else "index.parquet", where.format(name))
-    assert (issue.code, issue.path, issue.where) == expected
-
-
-def test_a_place_in_a_shard_that_is_not_there(copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    pack(root)
-
-    def change(rows: list[dict[str, Any]]) -> None:
-        for each in rows[0]["files"][:2]:
-            each["offset"] = 2**40
-
-    change_rows("index.parquet", change)(root)
+    perform(root, steps)
     report = validate(root, quick=True)
-    assert codes(report) == [("INDEX_INVALID", "index.parquet")] * 2
-    assert all(issue.where.startswith("cloth-1-train-000000, ") for issue in report.issues)
-    change_footer("index.parquet", lambda footer: footer["dataset"].update(id="other"))(root)
-    assert ("IDENTITY_DIFFERS", "index.parquet") in codes(validate(root, quick=True))
-    (root / "sequences.parquet").unlink()
-    assert set(codes(validate(root, quick=True))) == {
-        ("FILE_MISSING", "sequences.parquet"), ("IDENTITY_DIFFERS", "index.parquet"),
-    }  # fmt: skip
+    assert codes(report) == sorted(expected, key=lambda each: (each[1], each[2], each[0]))
+
+
+ROPES = f"{ROPE_TRAIN}/points.parquet", f"{ROPE_TEST}/points.parquet"
+QUERIES, TRUTH = "queries/test.parquet", "truth/test.parquet"
+
+
+@pytest.mark.parametrize(
+    ("base", "steps", "expected"),
+    [
+        (
+            "minimal",
+            [{"copy": "dataset.json", "to": "x"}, {"link": "dataset.json", "to": "x"}],
+            [("PATH_UNSAFE", "dataset.json", ""), ("FILE_EXTRA", "x", "")],
+        ),
+        # Of the sequence after one without sound points the points are the first.
+        (
+            "full",
+            [
+                *[{"rows": ROPES[k], "set": {"80.m0": m0}} for k, m0 in enumerate((0.955, 7.0))],
+                *[{"relist": "sequences"}, {"remove": "queries"}, {"remove": "truth"}],
+            ],
+            [("VALUE_OUT_OF_RANGE", ROPES[1], "row 80, m0, m1")],
+        ),
+        # The row of another tier is not compared with the sequence.json, whose seed is another.
+        (
+            "full",
+            [{"rows": LISTING, "set": {"0.tier": "cloth-1", "0.seed": 99}}],
+            [
+                ("ROW_MISSING", LISTING, ""),
+                ("FILE_MISSING", "sequences/cloth-1/rope-train-000000", ""),
+            ],
+        ),
+        (
+            "full",
+            [{"copy": QUERIES, "to": "queries/val.parquet"}, {"remove": TRUTH}],
+            [
+                ("SPLIT_UNKNOWN", "queries/val.parquet", ""),
+                ("IDENTITY_DIFFERS", "queries/val.parquet", "footer split"),
+                *[("QUERY_INVALID", "queries/val.parquet", f"pair {k // 2}") for k in range(6)],
+            ],
+        ),
+        (
+            "full",
+            [{"remove": QUERIES}, {"link": TRUTH, "to": "nowhere"}],
+            [("FILE_MISSING", QUERIES, ""), ("PATH_UNSAFE", TRUTH, "")],
+        ),
+    ],
+)
+def test_a_dataset_as_a_whole(
+    base: str, steps: list[dict[str, Any]], expected: Found, copy_of: Copy
+) -> None:
+    root = copy_of(base)
+    perform(root, steps)
+    report = validate(root, quick=True)
+    assert codes(report) == sorted(expected, key=lambda each: (each[1], each[2], each[0]))
 
 
 def test_a_killed_process_is_a_problem_of_its_sequence() -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -25,12 +24,10 @@ from tests.conformance.edits import (
     ROPE_TRAIN,
     change_json,
     change_rows,
-    change_table,
     listed,
     remove,
     write,
 )
-from tests.conformance.publications import pack
 
 Copy = Callable[[str], Path]
 
@@ -85,29 +82,6 @@ def test_quick_leaves_images_and_geometry_alone(copy_of: Copy) -> None:
     change_rows("queries/test.parquet", lambda rows: rows[0].update(u_a=0.25))(root)
     quick = validate(root, quick=True)
     assert set(quick.counts) == {"CHECKSUM_DIFFERS", "QUERY_NOT_VISIBLE"}
-
-
-@pytest.mark.parametrize("change", [{"tier": "../../up"}, {"id": "../up"}])
-def test_a_packed_sequence_with_an_unsafe_name_is_left_packed(
-    copy_of: Copy, change: dict[str, str]
-) -> None:
-    root = copy_of("minimal")
-    pack(root)
-    change_rows("sequences.parquet", lambda rows: rows[0].update(change))(root)
-    if "id" in change:
-        change_rows("index.parquet", lambda rows: rows[0].update(change))(root)
-    report = validate(root)
-    assert not report.valid
-    assert report.sequences == len(pq.read_table(root / "index.parquet")) - 1
-
-
-def test_an_index_with_a_row_without_an_id(copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    pack(root)
-    nothing = pa.array([None], pa.string())
-    change_table("index.parquet", lambda table: table.set_column(0, "id", nothing))(root)
-    (issue,) = validate(root).issues
-    assert (issue.code, issue.path) == ("VALUE_NULL", "index.parquet")
 
 
 def test_wrong_calls(tmp_path: Path) -> None:
