@@ -74,21 +74,12 @@ def render_part(what: str) -> str:
         return _table(("field", "type", "unit", "meaning"), _schema_rows(load_schema(name)))
     if kind == "table":
         return _table(("column", "type", "unit", "range", "meaning"), _column_rows(name))
-    if kind == "codes":
+    if kind in ("codes", "remedies"):
+        head = ("code", "severity", "reported when", "usual cause", "remedy")
+        columns = 3 if kind == "codes" else 5
         codes = [code for code in ISSUE_CODES.values() if code.subject in (name, "both")]
-        lines: list[tuple[str, ...]] = [
-            (f"`{code.code}`", code.severity, code.meaning) for code in codes
-        ]
-        return _table(("code", "severity", "reported when"), lines)
-    if kind == "remedies":
-        return _table(
-            ("code", "severity", "reported when", "usual cause", "remedy"),
-            [
-                (f"`{code.code}`", code.severity, code.meaning, code.cause, code.remedy)
-                for code in ISSUE_CODES.values()
-                if code.subject in (name, "both")
-            ],
-        )
+        shown = [(f"`{c.code}`", c.severity, c.meaning, c.cause, c.remedy) for c in codes]
+        return _table(head[:columns], [line[:columns] for line in shown])
     lines = [(f"{getattr(limits, key):,}", text) for key, text in _LIMITS.items()]
     return _table(("at most", "of what"), lines)
 

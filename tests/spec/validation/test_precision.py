@@ -211,31 +211,30 @@ def test_high_frequencies_of_a_block() -> None:
 @pytest.mark.parametrize(
     ("borders", "blocks", "on", "found"),
     [
-        (1.26, 12, 0.49, True),
-        (1.24, 12, 0.49, False),
-        (1.26, 11, 0.49, False),
-        (1.26, 12, 0.51, False),
+        ((1.26, 1.26), 12, 0.49, True),
+        ((1.24, 1.24), 12, 0.49, False),
+        ((2.4, 0.2), 12, 0.49, True),  # the mean of both directions counts
+        ((1.0, 1.4), 12, 0.49, False),
+        ((1.26, 1.26), 11, 0.49, False),
+        ((1.26, 1.26), 12, 0.51, False),
     ],
 )
 def test_compression_has_borders_and_no_high_frequencies(
-    borders: float, blocks: int, on: float, found: bool, monkeypatch: pytest.MonkeyPatch
+    borders: tuple[float, float],
+    blocks: int,
+    on: float,
+    found: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Eight grids, the first of which is that of the file."""
     shapes = []
+    along = iter(borders)
 
     def frequencies(luma: npt.NDArray[Any]) -> npt.NDArray[Any]:
         shapes.append(luma.shape)
         return np.full(blocks, on if len(shapes) == 1 else 1.0)
 
-    monkeypatch.setattr(precision, "_borders", lambda _: borders)
+    monkeypatch.setattr(precision, "_borders", lambda _: next(along))
     monkeypatch.setattr(precision, "_high_frequencies", frequencies)
     assert _compressed(np.zeros((80, 90))) is found
     assert shapes == [] or shapes[:3] == [(80, 90), (76, 86), (80, 86)]
-
-
-def test_both_directions_have_borders(monkeypatch: pytest.MonkeyPatch) -> None:
-    along = iter([2.4, 0.2, 1.0, 1.4])
-    monkeypatch.setattr(precision, "_borders", lambda _: next(along))
-    monkeypatch.setattr(precision, "_high_frequencies", lambda luma: np.ones(12))
-    assert not _compressed(np.zeros((80, 90)))
-    assert not _compressed(np.zeros((80, 90)))

@@ -16,15 +16,13 @@ from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules import visibility
 from pliant.spec.validation.rules.correspondences import OCCLUDED, SELF_OCCLUDED
 from pliant.spec.validation.rules.visibility import _edge_on, check_visibility
-from pliant.spec.validation.rules.windows import Windows, _is_behind
+from pliant.spec.validation.rules.windows import _is_behind
 from tests.spec.validation.test_visibility import (
     AT,
     CAMERA,
     CLOTH,
-    HEIGHT,
     ROPE,
     SHEET,
-    WIDTH,
     U,
     V,
     codes,
@@ -34,52 +32,6 @@ from tests.spec.validation.world import Found, found, view
 
 ON_ROPE = image(object_id=0 * U + ROPE, depth_m=0 * U + 0.9, m0=0 * U + 7, m1=0 * U)
 EMPTY = image(object_id=0 * U, depth_m=0 * U + np.inf, m0=0 * U, m1=0 * U)
-
-
-def around(shown: Surface, points: list[dict[str, Any]]) -> Windows:
-    seen = view(CLOTH, CAMERA, shown, points)
-    chosen = np.arange(len(seen.rows.point))
-    return Windows.around(seen, chosen, np.floor(seen.rows.uv_px).astype(np.int64))
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(
-    ("shown", "smooth"),
-    [
-        # Between pixels 31 and 32 along u (26 and 27 along v), which are both in the window.
-        (lambda x, m: {"depth_m": 1 + 0.0299 * (x > 2)}, True),
-        (lambda x, m: {"depth_m": 1 + 0.0301 * (x > 2)}, False),
-        (lambda x, m: {"depth_m": 1 - 0.0301 * (x > 2)}, False),
-        (lambda x, m: {"depth_m": 1 + 0.0301 * (x < -1)}, False),
-        (lambda x, m: {"depth_m": 1 + 0.5 * (x > 3)}, True),
-        (lambda x, m: {"depth_m": 1 + 0.5 * (x < -2)}, True),
-        # The footprint is that of the surface that is shown, twice as far away.
-        (lambda x, m: {"depth_m": 2 + 0.0599 * (x > 2)}, True),
-        (lambda x, m: {"depth_m": 2 + 0.0601 * (x > 2)}, False),
-        # The material makes a step of 1 cm from pixel to pixel, and of 2 cm more here.
-        (lambda x, m: {m: 1.99 * (x > 2)}, True),
-        (lambda x, m: {m: 2.01 * (x > 2)}, False),
-        (lambda x, m: {"object_id": SHEET + (x > 2)}, False),
-        (lambda x, m: {"object_id": SHEET + (x > 3)}, True),
-        (lambda x, m: {"object_id": SHEET * (x < -1)}, False),
-    ],
-)
-def test_where_a_surface_is_smooth(axis: int, shown: Any, smooth: bool) -> None:
-    """The 5x5 pixels around (30, 25) have one object and steps of at most three footprints."""
-    x = (U - 30.5 if axis == 0 else V - 25.5) + 0.5
-    channels = shown(x, "m0" if axis == 0 else "m1")
-    channels |= {name: channels[name] + base for name, base in (("m0", U), ("m1", V))
-                 if name in channels}  # fmt: skip
-    seen = around(image(**channels), [{"at": AT}])
-    assert seen.smooth.tolist() == [smooth]
-    assert seen.uniform.tolist() == [smooth or "object_id" not in channels]
-
-
-@pytest.mark.parametrize(("second", "smooth"), [(2.02, True), (2.06, False)])
-def test_both_coordinates_make_one_step(second: float, smooth: bool) -> None:
-    """2.2 cm of one and 2.04 cm of the other are 3 cm."""
-    shown = image(m0=U + 1.2 * (U > 32), m1=V + second * (U > 32))
-    assert around(shown, [{"at": AT}]).smooth.tolist() == [smooth]
 
 
 def behind(z: npt.NDArray[Any], inside: tuple[float, float], *, smooth: bool = True) -> float:
@@ -110,62 +62,6 @@ def test_from_which_depth_a_point_is_behind_its_pixels() -> None:
         assert found == pytest.approx(2 + 0.005 - 0.02 - 2e-6, abs=1e-6)
     both = 2 + 0.01 * x**2 + 0.03 * y**2
     assert behind(both, (0.5, 0.5)) == pytest.approx(2 - 0.06 - 2e-6, abs=1e-6)
-
-
-def test_behind_an_object_alone() -> None:
-    """Nothing is behind the background, or said where two objects are seen."""
-    for shown, expected in (
-        (image(), [True, False]),
-        (EMPTY, [False, False]),
-        (image(object_id=np.where(U > 32, ROPE, SHEET)), [False, False]),
-    ):
-        seen = around(shown, [{"at": AT, "depth": 1.1}, {"at": (30.5, 26.5), "depth": 0.9}])
-        assert seen.behind(np.array([True, True])).tolist() == expected
-        assert seen.behind(np.array([False, False])).tolist() == [False, False]
-
-
-@pytest.mark.parametrize(
-    ("at", "pixel"),
-    [
-        # Within 16 pixels, up to the first and the last row and column.
-        ((5.5, 6.5), (0, 6)),
-        ((5.5, 6.5), (5, 0)),
-        ((5.5, 6.5), (21, 22)),
-        ((54.5, 45.5), (59, 45)),
-        ((54.5, 45.5), (54, 49)),
-        ((54.5, 45.5), (38, 29)),
-    ],
-)
-def test_a_part_is_looked_for_up_to_the_border(
-    at: tuple[float, float], pixel: tuple[int, int]
-) -> None:
-    ids = np.full((HEIGHT, WIDTH), SHEET)
-    ids[pixel[1], pixel[0]] = ROPE
-    seen = around(image(object_id=ids), [{"at": at, "object": ROPE}, {"at": at}, {"at": at}])
-    all_ = np.array([True, True, False])
-    assert seen.seen_nearby(all_).tolist() == [True, True, False]
-    assert seen.seen_nearby(all_, others=True).tolist() == [True, True, False]
-    assert seen.seen_nearby(~all_, others=True).tolist() == [False, False, True]
-    assert seen.seen_nearby(np.zeros(3, bool)).tolist() == [False] * 3
-    ids[pixel[1], pixel[0]] = 0
-    seen = around(image(object_id=ids), [{"at": at, "object": ROPE}, {"at": at}])
-    assert seen.seen_nearby(np.array([True, True])).tolist() == [False, True]
-    assert seen.seen_nearby(np.array([True, True]), others=True).tolist() == [True, False]
-
-
-def test_a_rope_too_thin_to_be_seen_may_hide_anything_else() -> None:
-    points: list[dict[str, Any]] = [
-        {"at": AT, "depth": depth, "object": each} for depth in (5.9, 6.1) for each in (SHEET, ROPE)
-    ]
-    seen = around(image(), points)
-    assert seen.seen_nearby(np.ones(4, bool), others=True).tolist() == [False, True, True, True]
-    nowhere = around(EMPTY, points)
-    assert nowhere.seen_nearby(np.ones(4, bool), others=True).tolist() == [
-        False,
-        False,
-        True,
-        False,
-    ]
 
 
 def bent(slope: float, along: Any, where: Any = 1) -> Surface:
@@ -219,6 +115,9 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         # A rope of 12 cm is thinner than two pixels from 6 m on.
         (image(), SELF | FAR_ROPE | {"depth": 5.9}, True),
         (image(), SELF | FAR_ROPE | {"depth": 6.1}, False),
+        (EMPTY, OTHER | {"depth": 5.9}, True),
+        (EMPTY, OTHER | {"depth": 6.1}, False),
+        (EMPTY, OTHER | FAR_ROPE | {"depth": 6.1}, True),
         # Another object among the 5x5 pixels may hide it; beyond it does not lie behind its own.
         (with_rope_at(32, 27, of=image()), OTHER | {"depth": 1.06}, False),
         (with_rope_at(33, 27, of=image()), OTHER | {"depth": 1.06}, True),
@@ -234,12 +133,53 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (bent(0.00510, V, (U == 30.5)), SELF | {"depth": 1.01}, False),
         (bent(0.00510, U, (V == 26.5)), SELF | {"depth": 1.01}, True),
         (bent(0.00510, V, (U == 31.5)), SELF | {"depth": 1.01}, True),
-        (image(depth_m=1 + 0.5 * (U > 32)), SELF | {"depth": 1.01}, False),  # not smooth
-        (image(depth_m=1 + 0.5 * (U > 33)), SELF | {"depth": 1.01}, True),
+        # Not where the 5x5 pixels have a step of more than three footprints of depth, ...
+        *[
+            (image(depth_m=1 + step * (along > last)), SELF | {"depth": 1.01}, wrong)
+            for along, last in ((U, 32), (V, 27))
+            for step, wrong in ((0.0299, True), (0.0301, False), (-0.0301, False))
+        ],
+        (image(depth_m=1 + 0.0301 * (U < 29)), SELF | {"depth": 1.01}, False),
+        (image(depth_m=1 + 0.0301 * (V < 24)), SELF | {"depth": 1.01}, False),
+        (image(depth_m=1 + 0.5 * ((U > 33) | (U < 28))), SELF | {"depth": 1.01}, True),
+        (image(depth_m=1 + 0.5 * ((V > 28) | (V < 23))), SELF | {"depth": 1.01}, True),
+        # which are those of the surface that is shown, here twice as far away, ...
+        (image(depth_m=2 + 0.0599 * (U > 32)), SELF | {"depth": 2.01}, True),
+        (image(depth_m=2 + 0.0601 * (U > 32)), SELF | {"depth": 2.01}, False),
+        # or of material, whose two coordinates make one step, ...
+        (image(m0=U + 1.99 * (U > 32)), SELF | {"depth": 1.01}, True),
+        (image(m0=U + 2.01 * (U > 32)), SELF | {"depth": 1.01}, False),
+        (image(m1=V + 2.01 * (V > 27)), SELF | {"depth": 1.01}, False),
+        (image(m0=U + 1.2 * (U > 32), m1=V + 2.02 * (U > 32)), SELF | {"depth": 1.01}, True),
+        (image(m0=U + 1.2 * (U > 32), m1=V + 2.06 * (U > 32)), SELF | {"depth": 1.01}, False),
+        # or another object.
+        (image(object_id=SHEET * (U < 32)), SELF | {"depth": 1.01}, False),
+        (image(object_id=SHEET * (U > 29)), SELF | {"depth": 1.01}, False),
+        (image(object_id=SHEET * (U < 33)), SELF | {"depth": 1.01}, True),
     ],
 )
 def test_what_hides_a_point(shown: Surface, point: dict[str, Any], wrong: bool) -> None:
     assert codes(shown, [{"at": AT} | point]) == ({"OCCLUDED_DISAGREES": 1} if wrong else {})
+
+
+@pytest.mark.parametrize(
+    ("at", "pixel"),
+    [
+        ((5.5, 6.5), (0, 6)),
+        ((5.5, 6.5), (5, 0)),
+        ((5.5, 6.5), (21, 22)),
+        ((54.5, 45.5), (59, 45)),
+        ((54.5, 45.5), (54, 49)),
+        ((54.5, 45.5), (38, 29)),
+    ],
+)
+def test_a_part_is_looked_for_up_to_the_border(
+    at: tuple[float, float], pixel: tuple[int, int]
+) -> None:
+    """Within 16 pixels, up to the first and the last row and column."""
+    point = OTHER | {"at": at, "depth": 0.9}
+    assert codes(image(), [point]) == {"OCCLUDED_DISAGREES": 1}
+    assert codes(with_rope_at(*pixel, of=image()), [point]) == {}
 
 
 def checked(points: list[dict[str, Any]]) -> tuple[bool, Found]:
