@@ -38,7 +38,7 @@ from pliant.spec.validation.rules.correspondences import (
     SELF_OCCLUDED,
     VISIBLE,
 )
-from pliant.spec.validation.rules.windows import SLOPE, THIN, FrameView, Windows, is_thin
+from pliant.spec.validation.rules.windows import THIN, FrameView, Windows, is_thin
 
 MATCH = 3.0
 """How far a point may be from a pixel that shows it, in pixel footprints."""
@@ -68,16 +68,22 @@ def check_visibility(view: FrameView, problems: FileProblems) -> bool:
     Returns:
         True if the frame's points are those that the image shows, as far as it can be said.
     """
-    rows = view.rows
+    rows, image = view.rows, view.surface.image
     pixel = np.floor(rows.uv_px)  # of a point behind the camera this may be any number
     inner = np.all((pixel >= 2) & (pixel < np.array(view.size) - 2), axis=1)
     chosen = np.flatnonzero(view.good & inner & (rows.state != OUT_OF_FRAME))
     missed = [np.zeros((0, 2), np.int64)]
     for low in range(0, chosen.size, _CHUNK):
         part = chosen[low : low + _CHUNK]
-        doubtful = part[_in_doubt(view, part, pixel[part].astype(np.int64))]
-        if doubtful.size:
-            windows = Windows.around(view, doubtful, pixel[doubtful].astype(np.int64))
+        # Most visible points are matched by the pixel that contains them.
+        u, v = pixel[part].astype(np.int64).T
+        index = (v * view.size[0] + u)[:, None, None]
+        shown, z = (each.ravel().take(index) for each in (image.object_id, image.depth_m))
+        same, lower, away, reach, limit = _compare(view, part, shown, z, view.steps_m(part, index))
+        matched = same & (lower >= -reach) & (np.maximum(lower, away) <= limit)
+        part = part[(rows.state[part] != VISIBLE) | ~matched[:, 0, 0]]
+        if part.size:
+            windows = Windows.around(view, part, pixel[part].astype(np.int64))
             missed.append(_check_visible(windows, problems))
             _report_hidden(windows, problems)
     places = np.concatenate(missed)
@@ -111,57 +117,45 @@ def check_visibility(view: FrameView, problems: FileProblems) -> bool:
     return False
 
 
-def _in_doubt(
-    view: FrameView, chosen: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64]
-) -> npt.NDArray[np.bool_]:
-    """Return which points the pixel that contains them does not settle already.
+def _compare(
+    view: FrameView,
+    chosen: npt.NDArray[np.int64],
+    object_id: npt.NDArray[np.uint32],
+    depth_m: npt.NDArray[np.float32],
+    steps_m: FloatArray,
+) -> tuple[npt.NDArray[np.bool_], FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Compare points with pixels around them.
 
-    A visible point is matched if its own pixel matches it. Each fault of a hidden point needs
-    something of its own pixel: that it is nearer, or shows what contradicts the state; a match of
-    its material, at a smooth place, is at most two steps of the slope away from its own pixel.
+    Args:
+        view: The frame.
+        chosen: int64 (N,), rows.
+        object_id: uint32 (N, H, W), what H x W pixels show.
+        depth_m: float32 (N, H, W), likewise.
+        steps_m: float64 (N, H, W, 2), on the material from the point to these pixels.
+
+    Returns:
+        bool (N, H, W), pixels of the point's object; float64 (N, H, W), how far the point is behind
+        each pixel's surface, and its distance on the material; float64 (N, 1, 1), how far in front
+        it may be, and how far behind and away. All in metres.
     """
-    image = view.surface.image
-    index = pixel[:, 1] * view.size[0] + pixel[:, 0]
-    shown = image.object_id.ravel().take(index)
-    z = image.depth_m.ravel().take(index)
-    own = view.own(chosen)
-    state, depth = view.rows.state[chosen], view.rows.depth_m[chosen]
-    diameter = view.diameter_m(own)
-    footprint = depth / view.focal_px
-    line = view.points.centreline[view.rows.point[chosen]]
-    steps = view.steps_m(chosen, index)
-    away = np.sqrt((steps**2).sum(axis=-1))
-    same = shown == own
-    reach = MATCH * footprint
-    limit = reach + np.where(line, CENTRELINE_REACH * diameter, 0.0)
-    lower = depth - z
-    matched = same & (lower >= -reach) & (lower <= limit)
-    matched &= np.where(line, steps[:, 0], away) <= limit
-    doubtful = (state == VISIBLE) & ~matched & ~is_thin(diameter, footprint)
-    hidden = (state == SELF_OCCLUDED) | (state == OCCLUDED)
-    doubtful |= hidden & (lower < -reach)
-    doubtful |= (state == SELF_OCCLUDED) & ~same & (shown != 0)
-    doubtful |= (state == OCCLUDED) & (same | (shown == 0))
-    if view.tier.kind == "cloth":
-        with np.errstate(invalid="ignore"):
-            close = 1.01 * (SURE * footprint + 2 * SLOPE * z / view.focal_px)
-            doubtful |= hidden & same & (np.abs(lower) <= close) & (away <= close)
-    return doubtful
+    own, depth = view.own(chosen)[:, None, None], view.rows.depth_m[chosen, None, None]
+    line = view.points.centreline[view.rows.point[chosen], None, None]
+    reach = MATCH * depth / view.focal_px
+    # A surface point is on the surface shown; a centre-line point up to a diameter below.
+    limit = reach + np.where(line, CENTRELINE_REACH * view.diameter_m(own), 0.0)
+    away = np.where(line, steps_m[..., 0], np.sqrt((steps_m**2).sum(axis=-1)))
+    return object_id == own, depth - depth_m, away, reach, limit
 
 
 def _check_visible(windows: Windows, problems: FileProblems) -> npt.NDArray[np.int64]:
     """Check visible points; return (object, 1 where depth fits) of those that no pixel matches."""
     view, rows = windows.view, windows.view.rows
     own, depth, near = windows.own, windows.point_depth_m, windows.near_m
-    line = view.points.centreline[rows.point[windows.chosen]]
-    reach = MATCH * windows.footprint_m
-    # A surface point is on the surface shown; a centre-line point up to a diameter below.
-    limit = reach + np.where(line, CENTRELINE_REACH * view.diameter_m(own), 0.0)
-    same = windows.near_id == own[:, None, None]
-    lower = depth[:, None, None] - near
-    on_depth = same & (lower >= -reach[:, None, None]) & (lower <= limit[:, None, None])
-    away = np.where(line[:, None, None], windows.steps_m[..., 0], windows.away_m)
-    matched = np.any(on_depth & (away <= limit[:, None, None]), axis=(1, 2))
+    same, lower, away, reach, limit = _compare(
+        view, windows.chosen, windows.near_id, near, windows.steps_m
+    )
+    on_depth = same & (lower >= -reach) & (lower <= limit)
+    matched = np.any(on_depth & (away <= limit), axis=(1, 2))
     visible = (rows.state[windows.chosen] == VISIBLE) & ~windows.thin(own)
     missed = visible & ~matched
     deep = on_depth.any(axis=(1, 2))
@@ -186,7 +180,9 @@ def _check_visible(windows: Windows, problems: FileProblems) -> npt.NDArray[np.i
         ),
     )
     rest = np.flatnonzero(missed)
-    missed[rest] = ~_on_slope(same[rest], lower[rest], away[rest], reach[rest], limit[rest])
+    missed[rest] = ~_on_slope(
+        same[rest], lower[rest], away[rest], reach[rest, 0, 0], limit[rest, 0, 0]
+    )
     return np.stack([own[missed], deep[missed]], axis=1).astype(np.int64)
 
 

@@ -66,8 +66,8 @@ class FrameView:
         return self.points.object_id[self.rows.point[chosen]]
 
     def diameter_m(self, object_id: npt.NDArray[np.int32]) -> FloatArray:
-        """Return the diameters of objects, float64 (n,); 0 for those that are not tubes."""
-        found = np.zeros(len(object_id))
+        """Return the diameters of objects, float64 as `object_id`; 0 for those without a tube."""
+        found = np.zeros(object_id.shape)
         for each in self.tier.objects:
             found[object_id == each.id] = each.diameter_m
         return found
