@@ -77,16 +77,14 @@ class FrameView:
 
         Args:
             chosen: int64 (n,), rows.
-            index: int64 (n, ...), flat indices of pixels.
+            index: int64 (n, H, W), flat indices of H x W pixels.
 
         Returns:
-            float64 (n, ..., 2), metres along each coordinate; infinite where a pixel shows
+            float64 (n, H, W, 2), metres along each coordinate; infinite where a pixel shows
             another object than the point's.
         """
         image = self.surface.image
-        point = np.broadcast_to(
-            self.rows.point[chosen].reshape(-1, *(1,) * (index.ndim - 1)), index.shape
-        )
+        point = np.broadcast_to(self.rows.point[chosen, None, None], index.shape)
         shown = image.object_id.ravel().take(index)
         same = shown == self.points.object_id[point]
         found = np.full((*index.shape, 2), np.inf)
