@@ -112,7 +112,7 @@ def codes(report: Report) -> Found:
 
 def spoil(root: Path) -> None:
     """Three codes: 2 extra files, 3 wrong seeds, 4 rows of points without order."""
-    steps = [
+    steps: list[dict[str, Any]] = [
         *[{"write": name} for name in ("y", "x")],
         {"rows": LISTING, "set": {f"{k}.seed": -1 for k in range(3)}},
         *[{"rows": table, "exchange": ["0"]} for table in ROPES],
