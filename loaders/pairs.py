@@ -173,33 +173,22 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         would seem to move, and the truth would violate the temporal Lipschitz condition.
         """
         alike = self.settings.pairing != "any"
-        moves = (
-            [self._symmetry(rng, settings)] * len(views)
-            if alike
-            else [self._symmetry(rng, settings) for _ in views]
-        )
-        firsts = [
-            None if move is None else symmetry_in_image(self._symmetries[move]) for move in moves
-        ]
-        factor = 1.0
-        if alike:
-            shared = draw_placement(rng, views, settings, firsts[0])
-            placements = [shared] * len(views)
-            factor = 1.0 if shared is None else abs(float(np.linalg.det(shared[:, :2]))) ** 0.5
-        else:
-            placements = [
-                draw_placement(rng, [view], settings, first)
-                for view, first in zip(views, firsts, strict=True)
-            ]
-        changed = [
-            augment(rng, view, settings, affine)
-            for view, affine in zip(views, placements, strict=True)
-        ]
-        partners = self.store.partners
-        return [
-            view if move is None else renamed(view, partners[:, move])
-            for view, move in zip(changed, moves, strict=True)
-        ], factor
+        groups = [views] if alike else [[view] for view in views]
+        moves = [self._symmetry(rng, settings) for _ in groups]
+        placements = []
+        for group, move in zip(groups, moves, strict=True):
+            first = None if move is None else symmetry_in_image(self._symmetries[move])
+            placements.append(draw_placement(rng, group, settings, first))
+        changed = []
+        for group, move, affine in zip(groups, moves, placements, strict=True):
+            for view in group:
+                moved = augment(rng, view, settings, affine)
+                if move is not None:
+                    moved = renamed(moved, self.store.partners[:, move])
+                changed.append(moved)
+        if not alike or placements[0] is None:
+            return changed, 1.0
+        return changed, abs(float(np.linalg.det(placements[0][:, :2]))) ** 0.5
 
     def _symmetry(self, rng: np.random.Generator, settings: AugmentSettings) -> int | None:
         """Draw a symmetry of a square cloth by its number; None leaves a view as it is."""
