@@ -8,7 +8,7 @@ best descriptor distance, shifted so that 0.5 is the threshold with the fewest e
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,15 +75,17 @@ def calibrate(
     """
     searched = _searched(matcher, pairs, full_size)
     distances, hidden = searched.distances, searched.hidden
-    straight, apart = searched.straight, {}
-    for kind, own in (("tilted", searched.tilted), ("either_way", searched.either_way)):
+    straight, apart = searched.pairs["straight"], {}
+    for kind in ("tilted", "either_way"):
+        own = searched.pairs[kind]
         if min(len(straight), len(own)) < _LEAST_PAIRS:
             straight = straight + own
         else:
             apart[kind] = own
     if matcher.reader.finds_masks:
         bare = [pair.without_masks() for pair in pairs[:_UNMASKED_PAIRS]]
-        apart["unmasked"] = _searched(matcher, bare, full_size).all
+        found = _searched(matcher, bare, full_size).pairs.values()
+        apart["unmasked"] = list(itertools.chain.from_iterable(found))
     sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
     best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
     for kind, own in apart.items():
@@ -104,31 +106,21 @@ class _Searched:
     """Pairs by kind, and what is known of all N queries.
 
     Attributes:
-        straight: Pairs seen from above.
-        tilted: Pairs of which a view was rectified.
-        either_way: Pairs of ropes whose ends look alike.
+        pairs: `straight`, seen from above; `tilted`, of which a view was rectified; `either_way`,
+            of ropes whose ends look alike.
         distances: float64 (N,), as `Comparison.distance`.
         hidden: bool (N,), whether the target hides the point.
     """
 
-    straight: list[_Pair]
-    tilted: list[_Pair]
-    either_way: list[_Pair]
+    pairs: Mapping[str, list[_Pair]]
     distances: npt.NDArray[np.float64]
     hidden: npt.NDArray[np.bool_]
-
-    @property
-    def all(self) -> list[_Pair]:
-        """The pairs of every kind."""
-        return [*self.straight, *self.tilted, *self.either_way]
 
 
 def _searched(
     matcher: DonMatcher, pairs: Sequence[ValidationPair], full_size: tuple[int, int]
 ) -> _Searched:
-    straight: list[_Pair] = []
-    tilted: list[_Pair] = []
-    either_way: list[_Pair] = []
+    kept: dict[str, list[_Pair]] = {"straight": [], "tilted": [], "either_way": []}
     distances, hidden = [], []
     for pair in pairs:
         source, target = map(matcher.reader.seen, (pair.source, pair.target))
@@ -141,12 +133,10 @@ def _searched(
         own = np.array(full_size) / np.array(target.view.rgb.shape[1::-1])
         answer = matcher.decoded(found, target.view)[seen] * own
         truth = target.forward(pair.uv_b_px[seen, 0]).astype(np.float64) * own
-        kept = tilted if source.tilted or target.tilted else straight
-        kept = either_way if found.either_way else kept
-        kept.append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
-    return _Searched(
-        straight, tilted, either_way, np.concatenate(distances), np.concatenate(hidden)
-    )
+        kind = "tilted" if source.tilted or target.tilted else "straight"
+        kind = "either_way" if found.either_way else kind
+        kept[kind].append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
+    return _Searched(kept, np.concatenate(distances), np.concatenate(hidden))
 
 
 def _fit_by_doubt(

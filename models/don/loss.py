@@ -86,8 +86,15 @@ def don_loss(
         parts["foreground"] = functional.binary_cross_entropy_with_logits(
             out.foreground, both.float()
         )
+    weights = {
+        "lipschitz_space": settings.space_weight,
+        "lipschitz_time": settings.time_weight,
+        "orientation": settings.orientation_weight,
+        "canonical": settings.canonical_weight,
+        "foreground": settings.foreground_weight,
+    }
     loss = parts[settings.kind]
-    for name, weight in _weights(settings).items():
+    for name, weight in weights.items():
         if name in parts:
             loss = loss + weight * parts[name]
     return loss, {name: part.detach() for name, part in parts.items()}
@@ -175,35 +182,19 @@ def _matching(
             direction=settings.direction,
             chunk=settings.chunk or None,
         )
+    at_match = sample_descriptors(seen.descriptors, seen.targets.uv_px[:, :, 0])
+    queries = seen.sources.shape[1]
+    uv = draw_non_matches(seen.mask, queries, settings.non_matches, generator)  # (N, q, K, 2)
+    there = sample_descriptors(seen.descriptors, uv.flatten(1, 2)).unflatten(1, uv.shape[1:3])
     return contrastive_loss(
         seen.sources,
-        sample_descriptors(seen.descriptors, seen.targets.uv_px[:, :, 0]),
+        at_match,
         seen.counts,
-        _non_matches(seen, settings, generator),
+        NonMatches(there, uv),
         seen.targets,
         Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
         settings.chunk or None,
     )
-
-
-def _weights(settings: LossSettings) -> dict[str, float]:
-    """Return the weight of each part that is added to the main loss."""
-    return {
-        "lipschitz_space": settings.space_weight,
-        "lipschitz_time": settings.time_weight,
-        "orientation": settings.orientation_weight,
-        "canonical": settings.canonical_weight,
-        "foreground": settings.foreground_weight,
-    }
-
-
-def _non_matches(
-    seen: _Gathered, settings: LossSettings, generator: torch.Generator | None
-) -> NonMatches:
-    queries = seen.sources.shape[1]
-    uv = draw_non_matches(seen.mask, queries, settings.non_matches, generator)  # (N, q, K, 2)
-    there = sample_descriptors(seen.descriptors, uv.flatten(1, 2))
-    return NonMatches(there.unflatten(1, uv.shape[1:3]), uv)
 
 
 def _competitors(

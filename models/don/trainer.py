@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Final, Unpack
 
 import torch
 
@@ -14,12 +14,12 @@ from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.crossing_training import fit_crossings
 from pliant.models.don.crossings import CROSSINGS
-from pliant.models.don.familiarity import FAMILIARITY, Familiarity
+from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.loading import don_network
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
+from pliant.models.don.validation import draw_validation_pairs, validate
 from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.training.checkpoint import save_weights
@@ -28,6 +28,13 @@ from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import CALIBRATION, RUN_FACTS, with_tier, write_json
 from pliant.models.training.task import Batch, Task
 from pliant.spec.dataset import Dataset
+
+_CHARTED: Final = {
+    "RMSE, pooled": "val/rmse_px",
+    "RMSE, mean over pairs": "val/rmse_px_mean_over_pairs",
+    "median": "val/median_px",
+    "network alone, RMSE, pooled": "val/network_rmse_px",
+}
 
 
 def shipped_recipe(dataset: Dataset, tier: str) -> Path:
@@ -165,11 +172,17 @@ class DonTask(Task[DonSettings]):
         facts["validation"] = validate(matcher, final_pairs, size)
         write_json(run / RUN_FACTS, facts)
         write_json(run / CALIBRATION, asdict(calibration))
-        write_json(run / FAMILIARITY, familiarity_of(matcher, pairs).as_document())
+        bare = [pair.without_masks() for pair in pairs]
+        familiarity = matcher.fitted_familiarity([*pairs, *bare])
+        write_json(run / FAMILIARITY, familiarity.as_document())
         facts["calibration"] = dict(calibration.figures or {})
-        from pliant.models.don.report import write_run_report
+        from pliant.models.training.run_page import Section, history_chart, write_run_page
 
-        write_run_report(run, history, facts)
+        charts = [
+            history_chart(history, {"loss": "loss"}, "Training loss"),
+            history_chart(history, _CHARTED, "Validation error", "px"),
+        ]
+        write_run_page(run, facts, [Section("Curves", charts=charts)])
 
     def _frames(self, split: str, *, whole: bool) -> list[FrameStore]:
         """Return the frames of a split, the run's own first, then those of `also`.
@@ -184,13 +197,6 @@ class DonTask(Task[DonSettings]):
             FrameStore(of, tier, split, of.size if whole else self.size, cache=cache)
             for of, tier in training_data(self.dataset, self.settings)
         ]
-
-
-def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Familiarity:
-    """Return the familiarity of validation pairs, also without masks if the network sees more."""
-    sees_more = matcher.input.colour or matcher.input.depth
-    bare = [pair.without_masks() for pair in pairs] if sees_more else []
-    return matcher.fitted_familiarity([*pairs, *bare])
 
 
 def train_don(

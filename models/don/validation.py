@@ -101,34 +101,20 @@ def validate(
         traces carry the answers, also the figures of the network alone, as `network_rmse_px` …:
         traces answer well with a network that has learned nothing.
     """
-    found = _errors(pairs, full_size, lambda pair: matcher.answer(pair).uv_px)
-    figures = _figures(found)
+    figures = _figures(pairs, full_size, lambda pair: matcher.answer(pair).uv_px)
     figures["criterion_px"] = figures.get("symmetric_rmse_px", figures["rmse_px"])
     if matcher.settings.decode == "trace":
-        alone = _figures(_errors(pairs, full_size, matcher.answered_by_network))
+        alone = _figures(pairs, full_size, matcher.answered_by_network)
         figures |= {f"network_{name}": value for name, value in alone.items()}
     return figures
 
 
-@dataclass(frozen=True)
-class _Errors:
-    """The errors of one way to answer, px of the dataset.
-
-    Attributes:
-        strict: float64 (Q,) for each pair, against the truth.
-        symmetric: Likewise, against the nearest visible partner; None without symmetries.
-    """
-
-    strict: list[npt.NDArray[np.float64]]
-    symmetric: list[npt.NDArray[np.float64]] | None
-
-
-def _errors(
+def _figures(
     pairs: Sequence[ValidationPair],
     full_size: tuple[int, int],
     answer: Callable[[ValidationPair], npt.NDArray[np.floating[Any]]],
-) -> _Errors:
-    """Return the errors on the points visible in both frames of pairs.
+) -> dict[str, float]:
+    """Return the errors of one way to answer, on the points visible in both frames of pairs.
 
     Raises:
         CallError: There is no such point.
@@ -147,17 +133,13 @@ def _errors(
         symmetric.append(np.where(pair.visible, errors, np.inf)[seen].min(axis=1))
     if not strict:
         raise CallError("no validation pair shows a point in both frames")
-    return _Errors(strict, symmetric if pairs[0].visible.shape[1] > 1 else None)
-
-
-def _figures(errors: _Errors) -> dict[str, float]:
-    pooled = np.concatenate(errors.strict)
+    pooled = np.concatenate(strict)
     figures = {
         "rmse_px": rmse_px(pooled),
-        "rmse_px_mean_over_pairs": float(np.mean([rmse_px(each) for each in errors.strict])),
+        "rmse_px_mean_over_pairs": float(np.mean([rmse_px(each) for each in strict])),
         "median_px": float(np.median(pooled)),
         "pck_8px": float(np.mean(pooled <= 8.0)),
     }
-    if errors.symmetric is not None:
-        figures["symmetric_rmse_px"] = rmse_px(np.concatenate(errors.symmetric))
+    if pairs[0].visible.shape[1] > 1:
+        figures["symmetric_rmse_px"] = rmse_px(np.concatenate(symmetric))
     return figures

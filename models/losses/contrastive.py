@@ -110,7 +110,7 @@ def draw_non_matches(
     Args:
         mask: bool (N, h, w), the object.
         queries: Q.
-        count: K, places for each query.
+        count: K, places for each query, at least 2.
         generator: Source of randomness, on the mask's device.
 
     Returns:
@@ -122,9 +122,9 @@ def draw_non_matches(
     for side, number in ((flat, count // 2), (~flat, count - count // 2)):
         usable = torch.where(side.any(dim=1, keepdim=True), side, torch.ones_like(side))
         drawn = torch.multinomial(
-            usable.float(), queries * max(number, 1), replacement=True, generator=generator
+            usable.float(), queries * number, replacement=True, generator=generator
         )
-        picked.append(drawn.view(len(mask), queries, max(number, 1))[..., :number])
+        picked.append(drawn.view(len(mask), queries, number))
     pixel = torch.cat(picked, dim=-1)
     width = mask.shape[-1]
     corner = torch.stack([pixel % width, pixel // width], dim=-1)
