@@ -94,7 +94,8 @@ def cycle_losses(
         parts["similarity"] = -torch.stack(products).mean()
     if settings.self_cycle > 0:
         _, _, affinities = network.locate(patch, frames[:, last])
-        mass = _mass(affinities, start, network)
+        xy = place(start, cell_grid(network.cells, start.device))
+        mass = soft_inlier(affinities, xy, network.size[0], _SPREAD_CELLS)
         parts["self"] = -((mass + _FLOOR).log() * weight).sum(dim=1).mean()
     return parts
 
@@ -131,11 +132,6 @@ def _forward(
         ends.append(placement[:count])
         current = list(found.split(count))[1:]
     return torch.cat(ends)
-
-
-def _mass(affinities: torch.Tensor, start: torch.Tensor, network: TimeCycleNetwork) -> torch.Tensor:
-    xy = place(start, cell_grid(network.cells, start.device))
-    return soft_inlier(affinities, xy, network.size[0], _SPREAD_CELLS)
 
 
 def _centre_distance(ends: torch.Tensor, start: torch.Tensor) -> torch.Tensor:

@@ -83,10 +83,7 @@ class TimeCycleMatcher:
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
         anywhere = self.settings.propagation.replace(radius=0.0, prior=0.0, smooth=0.0)
-        propagator = self._propagator(source, uv_a_px, anywhere)
-        with torch.inference_mode():
-            found = propagator.step(self._encode(target), self._searched(target))
-        return Answers(self.pixels(found, target))
+        return Answers(self.carry(self.propagator(source, uv_a_px, anywhere), target))
 
     def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
@@ -96,14 +93,24 @@ class TimeCycleMatcher:
         for view in frames:
             yield Answers(self.carry(propagator, view))
 
-    def propagator(self, first: Frame, uv_px: Float32Array) -> Propagator:
+    def propagator(
+        self, first: Frame, uv_px: Float32Array, settings: PropagationSettings | None = None
+    ) -> Propagator:
         """Return what carries points of a frame.
 
         Args:
             first: The frame.
             uv_px: float32 (N, 2), where they are in it.
+            settings: How; None as the matcher's own settings say.
         """
-        return self._propagator(first, uv_px, self.settings.propagation)
+        with torch.inference_mode():
+            return Propagator(
+                self._encode(first),
+                self.cells(uv_px, first),
+                settings or self.settings.propagation,
+                self.settings.temperature,
+                self._searched(first),
+            )
 
     def carry(
         self, propagator: Propagator, view: Frame, expected: torch.Tensor | None = None
@@ -122,8 +129,7 @@ class TimeCycleMatcher:
 
     def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
-        settings = self.settings.propagation
-        propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
+        propagator = self.propagator(source, np.asarray(uv_a_px)[None])
         with torch.inference_mode():
             searched = self._searched(target)
             cells = propagator.scores(self._encode(target), searched)[0].numpy()
@@ -132,18 +138,6 @@ class TimeCycleMatcher:
             cells = np.where(searched, cells, np.float32(np.nan))
         heat = resize_nearest(cells, (target.rgb.shape[1], target.rgb.shape[0]))
         return Heat(heat, "log affinity", min(1.0, best), "affinity of the best cell")
-
-    def _propagator(
-        self, source: Frame, uv_px: Float32Array, settings: PropagationSettings
-    ) -> Propagator:
-        with torch.inference_mode():
-            return Propagator(
-                self._encode(source),
-                self.cells(uv_px, source),
-                settings,
-                self.settings.temperature,
-                self._searched(source),
-            )
 
     def _encode(self, view: Frame) -> torch.Tensor:
         """Return a frame's unit descriptors, (D, h, w) on the CPU."""

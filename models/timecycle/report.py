@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.evaluator.report.charts import Chart, Labels, line_chart
+from pliant.evaluator.report.charts import Labels, line_chart
 from pliant.models.timecycle.guard import Guard
 from pliant.models.training.run_page import Section, history_chart, write_run_page
 
@@ -37,6 +37,10 @@ def write_timecycle_report(
         int(key.removeprefix(_LISTED)) for row in history for key in row if key.startswith(_LISTED)
     }
     errors = {f"after {frames}": f"{_LISTED}{frames}" for frames in sorted(listed)}
+    over_time = {
+        name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
+    }
+    axes = "frames since the query", "RMSE, px of 640"
     sections = [
         Section(
             "Does the cycle beat the trivial answers?",
@@ -51,7 +55,7 @@ def write_timecycle_report(
                     for name, values in guard.curves.items()
                 ),
             ],
-            charts=[time_chart(guard)],
+            charts=[line_chart(over_time, Labels("RMSE over time", *axes))],
         ),
         Section(
             "Curves",
@@ -67,11 +71,3 @@ def write_timecycle_report(
     ]
     rest = {name: value for name, value in facts.items() if name not in ("guard", "validation")}
     return write_run_page(run, rest, sections)
-
-
-def time_chart(guard: Guard) -> Chart:
-    """Draw the RMSE over the frames since the query."""
-    series = {
-        name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
-    }
-    return line_chart(series, Labels("RMSE over time", "frames since the query", "RMSE, px of 640"))

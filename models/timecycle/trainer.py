@@ -10,7 +10,7 @@ import torch
 
 from pliant.loaders import ClipDataset
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
-from pliant.models.timecycle.guard import Guard, compare_with_trivial
+from pliant.models.timecycle.guard import compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches
@@ -105,12 +105,6 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         matcher = TimeCycleMatcher(self.network, self.settings)
         return figures(errors_over_time(track_with(matcher), self.stretches))
 
-    def guard(self, matcher: TimeCycleMatcher) -> Guard:
-        """Compare a matcher with the trivial answers and the weights the run began with."""
-        first = first_network(self.settings).to(self.processes.device)
-        untrained = self._read(TimeCycleMatcher(first, self.settings))
-        return compare_with_trivial(matcher, untrained, self.stretches)
-
     def _read(self, matcher: TimeCycleMatcher) -> TimeCycleMatcher:
         """Return a matcher with the read-out that suits its encoder, where it is to be chosen."""
         if not self.settings.propagation.chosen:
@@ -125,10 +119,12 @@ class TimeCycleTask(Task[TimeCycleSettings]):
     def finish(
         self, run: Path, history: Sequence[Mapping[str, float]], facts: dict[str, Any]
     ) -> None:
-        """Compare the trained network with the trivial answers; see `Task`."""
+        """Compare the network with the trivial answers and its first weights; see `Task`."""
         matcher = self._read(TimeCycleMatcher(self.network, self.settings, facts))
         write_settings(run, matcher.settings)
-        guard = self.guard(matcher)
+        first = first_network(self.settings).to(self.processes.device)
+        untrained = self._read(TimeCycleMatcher(first, self.settings))
+        guard = compare_with_trivial(matcher, untrained, self.stretches)
         facts["validation"] = figures(errors_over_time(track_with(matcher), self.stretches))
         facts["guard"] = guard.as_dict()
         write_json(run / RUN_FACTS, facts)
