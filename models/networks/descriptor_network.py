@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, Self
 
@@ -56,27 +55,6 @@ class NetworkSettings(Settings):
         return self
 
 
-def _unet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:
-    return UNet(
-        channels_in,
-        channels_out,
-        settings.widths,
-        settings.global_blocks,
-        settings.patch,
-    )
-
-
-def _resnet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:
-    return ResNetFCN(settings.name, channels_in, channels_out)
-
-
-NETWORKS: Final[dict[str, Callable[[NetworkSettings, int, int], nn.Module]]] = {
-    "unet": _unet,
-    **dict.fromkeys(DEPTHS, _resnet),
-}
-"""Name -> what builds it from settings, channels in and channels out."""
-
-
 @dataclass(frozen=True)
 class NetworkOutput:
     """What a network says of N images.
@@ -127,7 +105,12 @@ class DescriptorNetwork(nn.Module):
         self._heads = [ORIENTATION_CHANNELS * orientation, FOREGROUND_CHANNELS * foreground]
         channels_out = settings.descriptor_dim + sum(self._heads)
         self.canonical = canonical
-        self.backbone = NETWORKS[settings.name](settings, channels_in, channels_out)
+        self.backbone: nn.Module
+        if settings.name == "unet":
+            shape = settings.widths, settings.global_blocks, settings.patch
+            self.backbone = UNet(channels_in, channels_out, *shape)
+        else:
+            self.backbone = ResNetFCN(settings.name, channels_in, channels_out)
         log_scale = torch.log(torch.tensor(float(initial_scale)))
         self.log_scale = nn.Parameter(log_scale, requires_grad=learn_scale)
 

@@ -22,7 +22,7 @@ _FIRST_LAYERS: Final = ("encoder.0.conv1.weight", "encoder.0.skip.weight", "conv
 _HEAD: Final = "head.weight"
 
 
-def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None = None) -> int:
+def load_pretrained(network: nn.Module, source: str, seen: NetworkInput) -> int:
     """Load what fits of some weights into a network.
 
     A tensor fits if its name (with or without `backbone.`) and shape agree. Two layers also fit
@@ -32,7 +32,7 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None =
     Args:
         network: The network, changed in place.
         source: As `NetworkSettings.pretrained` describes.
-        seen: The network's input; None is colour.
+        seen: The network's input.
 
     Returns:
         How many tensors were loaded, the scale of the distributional loss not counted.
@@ -42,7 +42,7 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None =
     """
     weights = read_weights(source)
     folder = Path(source) if Path(source).is_dir() else Path(source).parent
-    given_input = _input_of_run(folder) or NetworkInput()
+    given_input = _input_of_run(folder)
     own = network.state_dict()
     fitting = {}
     for name, tensor in own.items():
@@ -51,7 +51,7 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None =
         if given is None:
             continue
         if short in _FIRST_LAYERS:
-            given = _first_layer(given.float(), tensor, given_input, seen or NetworkInput())
+            given = _first_layer(given.float(), tensor, given_input, seen)
         elif short == _HEAD and given.shape[1:] == tensor.shape[1:]:
             rows = min(len(given), len(tensor))
             given = torch.cat([given[:rows].to(tensor.dtype), tensor[rows:]])
@@ -62,12 +62,10 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None =
     return len(fitting.keys() - {"log_scale"})
 
 
-def _input_of_run(folder: Path) -> NetworkInput | None:
-    """Return the input of the run in a folder, or None where the folder has no run's config."""
+def _input_of_run(folder: Path) -> NetworkInput:
+    """Return the input of the run in a folder, or colour where the folder has no run's config."""
     config = folder / "config.yaml"
-    if not config.is_file():
-        return None
-    values = read_yaml(config) or {}
+    values = (read_yaml(config) if config.is_file() else None) or {}
     samples = values.get("pairs") or values.get("clips") or {}
     return NetworkInput(samples.get("input", "rgb"), samples.get("masks", False))
 
