@@ -22,23 +22,16 @@ CARD: Final = "CARD.md"
 """A shipped model's card; a folder without one is none."""
 
 
-def shipped_names(folder: Path | None = None) -> tuple[str, ...]:
-    """Return the names of the shipped models, sorted.
-
-    Args:
-        folder: Their folder; None is `FOLDER`.
-    """
-    return tuple(sorted(path.parent.name for path in (folder or FOLDER).glob(f"*/{CARD}")))
+def shipped_names() -> tuple[str, ...]:
+    """Return the names of the shipped models, sorted."""
+    return tuple(sorted(path.parent.name for path in FOLDER.glob(f"*/{CARD}")))
 
 
-def load_shipped(
-    name: str, folder: Path | None = None, /, **options: Any
-) -> DonMatcher | TimeCycleMatcher:
+def load_shipped(name: str, /, **options: Any) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a shipped model; it bears the model's name.
 
     Args:
         name: One of `shipped_names`.
-        folder: Their folder; None is `FOLDER`.
         options: How it answers; see `load_matcher`.
 
     Raises:
@@ -48,9 +41,9 @@ def load_shipped(
     """
     from pliant.models import load_matcher
 
-    names = shipped_names(folder)
+    names = shipped_names()
     if name not in names:
         raise CallError(f"no model {name!r} is shipped", required=", ".join(names) or None)
-    matcher = load_matcher((folder or FOLDER) / name, **options)
+    matcher = load_matcher(FOLDER / name, **options)
     matcher.name = name
     return matcher

@@ -20,11 +20,10 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.models import load_matcher, shipped
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.settings import DonSettings, PairValidationSettings
+from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
-from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
@@ -33,6 +32,7 @@ from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
 from tests.evaluator.figures import figure
 from tests.generator.runner.standin import InProcess
+from tests.models.tiny_runs import don
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -40,15 +40,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.fixture(scope="module")
 def trained(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trained") / "run"
-    settings = DonSettings(
-        tier="rope",
-        steps=12,
-        batch=1,
-        width=80,
-        height=60,
-        network=NetworkSettings(widths=(8, 16, 32)),
-        validation=PairValidationSettings(every=12, pairs=2, queries=8, calibration_pairs=2),
-    )
+    settings = don("tier=rope", "steps=12", "width=80", "height=60", "validation.every=12")
     train_don(Dataset.open(tiny_dataset), folder, settings)
     return folder
 
@@ -59,9 +51,8 @@ def models(trained: Path, tiny_dataset: Path, tmp_path_factory: pytest.TempPathF
     out = tmp_path_factory.mktemp("models")
     dataset = Dataset.open(tiny_dataset)
     submission = out / "sub.parquet"
-    assert (
-        run(["predict", str(trained), "--data", str(tiny_dataset), "--out", str(submission)]) == 0
-    )
+    call = ["predict", str(trained), "--data", str(tiny_dataset), "--out", str(submission)]
+    assert run(call) == 0
     scores = evaluate(submission, tiny_dataset, protocol="paper", allow_missing=True)
     write_report(scores, out / "report")
     submission.unlink()
@@ -74,12 +65,13 @@ def as_shipped(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shipped, "FOLDER", models)
 
 
+@pytest.mark.usefixtures("as_shipped")
 def test_half_the_size_and_the_same_answers(
     trained: Path, models: Path, tiny_dataset: Path
 ) -> None:
     small = models / "don-tiny" / "best.safetensors"
     assert small.stat().st_size < 0.6 * (trained / "best.safetensors").stat().st_size
-    whole, half = load_matcher(trained), load_shipped("don-tiny", models)
+    whole, half = load_matcher(trained), load_shipped("don-tiny")
     assert isinstance(whole, DonMatcher)
     assert isinstance(half, DonMatcher)
     assert half.calibration == whole.calibration
@@ -166,9 +158,7 @@ def test_data_config_makes_the_same_dataset(models: Path, tiny_dataset: Path) ->
 
 
 def test_training_time_is_read_from_the_log(trained: Path, tmp_path: Path) -> None:
-    seconds = training_seconds(trained)
-    assert seconds is not None
-    assert 0 < seconds < 300
+    assert 0 < (training_seconds(trained) or 0) < 300
     assert training_seconds(tmp_path) is None
 
 
@@ -215,6 +205,7 @@ def test_export_command(
     models: Path,
     tiny_dataset: Path,
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     arguments = ["train", "export", str(trained), "--name", "a-model", "--data", str(tiny_dataset)]
@@ -225,7 +216,8 @@ def test_export_command(
     assert "Protocol `paper`" in (tmp_path / "a-model" / "CARD.md").read_text()
     assert run([*arguments, "--out", str(tmp_path)]) == 0  # again: replaced
     assert "Protocol" not in (tmp_path / "a-model" / "CARD.md").read_text()
-    assert shipped_names(tmp_path) == ("a-model",)
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    assert shipped_names() == ("a-model",)
 
 
 def test_what_cannot_be_shipped_is_refused(
@@ -255,19 +247,23 @@ def test_what_cannot_be_shipped_is_refused(
         CallError, match=r"method\.steps: the report is of another run; found 13; required: 12"
     ):
         export_run(trained, "don", tmp_path, dataset, [report])
-    assert shipped_names(tmp_path) == ()
+    assert not list(tmp_path.glob("*/CARD.md"))
 
 
-def test_unknown_and_damaged_models_are_refused(models: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("as_shipped")
+def test_unknown_and_damaged_models_are_refused(
+    models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(CallError, match="no model 'don-rpe' is shipped; required: don-tiny"):
-        load_shipped("don-rpe", models)
+        load_shipped("don-rpe")
     (tmp_path / "don-x").mkdir()
     for name in ("CARD.md", "config.yaml", "best.safetensors"):
         content = (models / "don-tiny" / name).read_bytes()
         (tmp_path / "don-x" / name).write_bytes(content[:200])
     (tmp_path / "don-x" / "config.yaml").write_text("tier: rope\n")
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
     with pytest.raises(TrainingError, match="weights cannot be read"):
-        load_shipped("don-x", tmp_path)
+        load_shipped("don-x")
 
 
 WITHOUT_TORCH = """

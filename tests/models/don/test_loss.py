@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any
 
 import pytest
 import torch
@@ -10,7 +10,7 @@ from torch.utils.data import default_collate
 from pliant.loaders import FrameStore, PairDataset, PairSettings
 from pliant.models.don.loss import _space_pixels, don_loss
 from pliant.models.don.settings import LossSettings
-from pliant.models.losses import lipschitz_space_loss
+from pliant.models.losses.lipschitz_space import lipschitz_space_loss
 from pliant.models.networks.descriptor_network import NetworkOutput
 from pliant.spec.dataset import Dataset
 
@@ -47,16 +47,30 @@ def material_map(batch: Batch, sharpness: float) -> torch.Tensor:
     return torch.stack(maps)
 
 
-def output(descriptors: torch.Tensor, orientation: torch.Tensor | None = None) -> NetworkOutput:
+def parts_of(
+    batch: Batch,
+    descriptors: torch.Tensor,
+    *,
+    orientation: torch.Tensor | None = None,
+    foreground: torch.Tensor | None = None,
+    **options: Any,
+) -> tuple[float, dict[str, float]]:
+    """Return the loss of what a network puts out, and its named parts."""
     none = descriptors[:, :0]
-    return NetworkOutput(descriptors, none if orientation is None else orientation, none)
+    heads = (none if each is None else each for each in (orientation, foreground))
+    settings = LossSettings(**options)
+    loss, parts = don_loss(
+        NetworkOutput(descriptors, *heads),
+        torch.tensor(1.0),
+        batch,
+        settings,
+        generator=torch.Generator().manual_seed(0),
+    )
+    return float(loss), {name: float(part) for name, part in parts.items()}
 
 
-def run(batch: Batch, descriptors: torch.Tensor, **options: object) -> float:
-    settings = LossSettings(**options)  # type: ignore[arg-type]
-    generator = torch.Generator().manual_seed(0)
-    loss, _ = don_loss(output(descriptors), torch.tensor(1.0), batch, settings, generator=generator)
-    return float(loss)
+def run(batch: Batch, descriptors: torch.Tensor, **options: Any) -> float:
+    return parts_of(batch, descriptors, **options)[0]
 
 
 @pytest.mark.parametrize(
@@ -96,29 +110,24 @@ def test_noise_does_not_tell_matches_from_non_matches(batch: Batch) -> None:
 
 def test_chunks_and_bins(batch: Batch) -> None:
     truth = material_map(batch, sharpness=0.7)
-    whole = run(batch, truth, chunk=0)
-    assert run(batch, truth, chunk=5) == pytest.approx(whole, rel=1e-5)
+    assert run(batch, truth, chunk=5) == pytest.approx(run(batch, truth), rel=1e-5)
     assert run(batch, truth, bin_px=2) < 0.5 * run(batch, truth.flip(0), bin_px=2)
 
 
 @pytest.mark.parametrize("pairs", ["disc", "geodesic"])
-def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(
-    batch: Batch, pairs: Literal["disc", "geodesic"]
-) -> None:
+def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch, pairs: str) -> None:
+    options: dict[str, Any] = {"space_weight": 1.0, "space_mu": (1.0, 1.0), "space_pairs": pairs}
     truth = material_map(batch, sharpness=2.0)
-    settings = LossSettings(
-        space_weight=1.0, space_mu=(1.0, 1.0), space_pairs=pairs, space_reach_m=0.3
-    )
-    generator = torch.Generator().manual_seed(0)
-    _, figures = don_loss(output(truth), torch.tensor(1.0), batch, settings, generator=generator)
     wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 20
-    _, other = don_loss(output(wrong), torch.tensor(1.0), batch, settings, generator=generator)
-    assert float(figures["lipschitz_space"]) < 0.01
-    assert float(other["lipschitz_space"]) > 0.1
+
+    def cost(descriptors: torch.Tensor, reach_m: float = 0.3) -> float:
+        parts = parts_of(batch, descriptors, space_reach_m=reach_m, **options)[1]
+        return parts["lipschitz_space"]
+
+    assert cost(truth) < 0.01
+    assert cost(wrong) > 0.1
     if pairs == "geodesic":  # no two points are so near
-        alone = settings.replace(space_reach_m=1e-6)
-        _, none = don_loss(output(wrong), torch.tensor(1.0), batch, alone, generator=generator)
-        assert float(none["lipschitz_space"]) == 0
+        assert cost(wrong, 1e-6) == 0
 
 
 def crossing_rope() -> Batch:
@@ -175,25 +184,17 @@ def test_points_hidden_in_the_next_view_are_left_out() -> None:
 
 def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:
     truth = material_map(batch, sharpness=2.0)
-    settings = LossSettings(time_weight=1.0, space_mu=(1.0, 1.0), time_constant=1.0)
-    connected = dict(batch)
     moved = (batch["uv_px"][:, :, None, :, 0] - batch["uv_px"][:, None, :, :, 0]).norm(dim=-1)
     both = batch["visible"][:, :, None, :, 0] & batch["visible"][:, None, :, :, 0]
-    connected["action_px"] = (moved * both).amax(dim=-1)
-    for action, expected in (("same", 0.3), ("small", None), ("none", 0.0)):
-        if action == "small":
-            connected["action_px"] = connected["action_px"] * 0.01
-        if action == "none":
-            connected = batch
-        generator = torch.Generator().manual_seed(0)
-        _, figures = don_loss(
-            output(truth), torch.tensor(1.0), connected, settings, generator=generator
-        )
-        value = float(figures["lipschitz_time"])
-        if expected is None:
-            assert value > 1.0
-        else:
-            assert value <= expected
+    action_px = (moved * both).amax(dim=-1)
+
+    def cost(connected: Batch) -> float:
+        options: dict[str, Any] = {"time_weight": 1.0, "space_mu": (1.0, 1.0), "time_constant": 1.0}
+        return parts_of(connected, truth, **options)[1]["lipschitz_time"]
+
+    assert cost({**batch, "action_px": action_px}) <= 0.3
+    assert cost({**batch, "action_px": 0.01 * action_px}) > 1.0
+    assert cost(batch) <= 0.0
 
 
 def test_orientation_of_the_sheet(batch: Batch) -> None:
@@ -202,35 +203,24 @@ def test_orientation_of_the_sheet(batch: Batch) -> None:
     ways = batch["orientation"].flatten(0, 1)[:, 0]  # (B V, 3); no sine
     assert ways[:, 2].isnan().all()
     maps = ways.nan_to_num(7.0)[:, :, None, None].expand(-1, -1, *truth.shape[-2:])
-    settings = LossSettings(orientation_weight=0.25)
 
-    def cost(orientation: torch.Tensor | None) -> tuple[float, float]:
-        generator = torch.Generator().manual_seed(0)
-        loss, figures = don_loss(
-            output(truth, orientation),
-            torch.tensor(1.0),
-            batch,
-            settings if orientation is not None else LossSettings(),
-            generator=generator,
-        )
-        return float(loss), float(figures.get("orientation", math.nan))
+    def cost(orientation: torch.Tensor) -> tuple[float, float]:
+        loss, parts = parts_of(batch, truth, orientation=orientation, orientation_weight=0.25)
+        return loss, parts["orientation"]
 
-    without, _ = cost(None)
+    without = run(batch, truth)
     right, own = cost(maps)
     assert own == pytest.approx(0.0, abs=1e-4)
     assert right == pytest.approx(without, abs=1e-4)
     wrong, opposite = cost(-maps)
     assert opposite == pytest.approx(4.0, rel=1e-3)
     assert wrong == pytest.approx(without + 1.0, rel=1e-3)  # 0.25 of it
-    turned, _ = cost(maps.roll(1, 0))
-    assert turned > right
+    assert cost(maps.roll(1, 0))[0] > right
 
 
 def test_predicted_masks_are_held_to_both_masks(batch: Batch) -> None:
     truth = material_map(batch, sharpness=0.7)
     both = torch.stack([batch["mask"], batch["objects"]], dim=2).flatten(0, 1).float()
-    settings = LossSettings(foreground_weight=1.0)
     for logits, expected in ((40 * (2 * both - 1), 0.0), (0 * both, math.log(2))):
-        out = NetworkOutput(truth, truth[:, :0], logits)
-        _, figures = don_loss(out, torch.tensor(1.0), batch, settings)
-        assert float(figures["foreground"]) == pytest.approx(expected, abs=1e-6)
+        _, parts = parts_of(batch, truth, foreground=logits, foreground_weight=1.0)
+        assert parts["foreground"] == pytest.approx(expected, abs=1e-6)

@@ -5,34 +5,39 @@ import math
 import pytest
 import torch
 
-from pliant.models.losses import lipschitz_space_loss, lipschitz_time_loss
-from pliant.models.losses.lipschitz_space import draw_patch, penalty_weight, soft_argmax
+from pliant.models.losses.lipschitz_space import (
+    draw_patch,
+    lipschitz_space_loss,
+    penalty_weight,
+    soft_argmax,
+)
+from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 
 D = torch.float64
 
 
-def test_space_by_hand() -> None:
+@pytest.mark.parametrize(
+    ("hidden", "near", "expected"),
+    [
+        # max(0, 4 - 2) + max(0, 1 - 2) + max(0, 5 - 4) = 3, times mu, over three pairs
+        ([], None, 0.5),
+        ([1], None, 0.5),  # one pair is left: 0.5 * (5 - 4)
+        ([], (0, 2), 0.5),  # of the three pairs, which violate by 2, 1 and 0 px, the second alone
+        ([], (0, 1), 1.0),
+    ],
+)
+def test_space_by_hand(hidden: list[int], near: tuple[int, int] | None, expected: float) -> None:
     """Three pixels: pairs 1 px apart map 4, 1 and 5 px apart with L = 2 (the last pair 2 px)."""
     pixels = torch.tensor([[[0.0, 0], [1, 0], [2, 0]]], dtype=D)
     predicted = torch.tensor([[[0.0, 0], [4, 0], [5, 0]]], dtype=D)
     valid = torch.ones(1, 3, dtype=torch.bool)
-    loss = lipschitz_space_loss(predicted, pixels, valid, lipschitz=2.0, mu=0.5)
-    # max(0, 4 - 2) + max(0, 1 - 2) + max(0, 5 - 4) = 3, times mu, over three pairs
-    assert float(loss) == pytest.approx(0.5)
-    valid[0, 1] = False
-    loss = lipschitz_space_loss(predicted, pixels, valid, lipschitz=2.0, mu=0.5)
-    assert float(loss) == pytest.approx(0.5)  # one pair is left: 0.5 * (5 - 4)
-
-
-def test_only_near_pairs_count() -> None:
-    """Of the pairs (0, 1), (0, 2) and (1, 2), which violate by 2, 1 and 0 px, the second alone."""
-    pixels = torch.tensor([[[0.0, 0], [1, 0], [2, 0]]], dtype=D)
-    predicted = torch.tensor([[[0.0, 0], [4, 0], [5, 0]]], dtype=D)
-    near = torch.eye(3, dtype=torch.bool)[None].clone()
-    near[0, 0, 2] = near[0, 2, 0] = True
-    valid = torch.ones(1, 3, dtype=torch.bool)
-    loss = lipschitz_space_loss(predicted, pixels, valid, near, lipschitz=2.0, mu=0.5)
-    assert float(loss) == pytest.approx(0.5)
+    valid[0, hidden] = False
+    pairs = None
+    if near is not None:
+        pairs = torch.zeros(1, 3, 3, dtype=torch.bool)
+        pairs[0, near, near[::-1]] = True
+    loss = lipschitz_space_loss(predicted, pixels, valid, pairs, lipschitz=2.0, mu=0.5)
+    assert float(loss) == pytest.approx(expected)
 
 
 def test_time_by_hand() -> None:
@@ -53,35 +58,20 @@ def test_nothing_to_compare_costs_nothing() -> None:
     assert float(lipschitz_time_loss(pixels, pixels, action, ~none, lipschitz=1.0, mu=1.0)) == 0.0
 
 
-def random_case(seed: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    g = torch.Generator().manual_seed(seed)
+@pytest.mark.parametrize("kind", ["space", "time"])
+def test_gradients_reach_the_descriptors(kind: str) -> None:
+    """Through the soft-argmax, where an argmax would have none."""
+    g = torch.Generator().manual_seed(0)
     logits = torch.randn(2, 6, 9, dtype=D, generator=g).requires_grad_()
     grid = torch.rand(2, 9, 2, dtype=D, generator=g) * 20
     pixels = torch.rand(2, 6, 2, dtype=D, generator=g) * 4
-    return logits, grid, pixels
-
-
-def test_space_gradient_reaches_the_descriptors() -> None:
-    """Through the soft-argmax, where an argmax would have none."""
-    logits, grid, pixels = random_case(0)
-    valid = torch.ones(2, 6, dtype=torch.bool)
-
-    def loss(values: torch.Tensor) -> torch.Tensor:
-        predicted = soft_argmax(values.log_softmax(dim=-1), grid)
-        return lipschitz_space_loss(predicted, pixels, valid, lipschitz=0.3, mu=1.0)
-
-    assert torch.autograd.gradcheck(loss, (logits,))
-    (gradient,) = torch.autograd.grad(loss(logits), (logits,))
-    assert float(gradient.abs().sum()) > 0.1
-
-
-def test_time_gradient_reaches_the_descriptors() -> None:
-    logits, grid, pixels = random_case(1)
     valid = torch.ones(2, 6, dtype=torch.bool)
     action = torch.tensor([0.5, 1.0], dtype=D)
 
     def loss(values: torch.Tensor) -> torch.Tensor:
         predicted = soft_argmax(values.log_softmax(dim=-1), grid)
+        if kind == "space":
+            return lipschitz_space_loss(predicted, pixels, valid, lipschitz=0.3, mu=1.0)
         return lipschitz_time_loss(predicted, pixels, action, valid, lipschitz=1.0, mu=1.0)
 
     assert torch.autograd.gradcheck(loss, (logits,))

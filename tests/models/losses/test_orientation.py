@@ -5,11 +5,7 @@ import math
 import pytest
 import torch
 
-from pliant.loaders.inputs import NetworkInput
-from pliant.models.losses import orientation_loss
-from pliant.models.networks.descriptor_network import NetworkSettings, build_network
-
-SMALL = NetworkSettings(widths=(8, 16, 32), descriptor_dim=4)
+from pliant.models.losses.orientation import orientation_loss
 
 
 def test_by_hand() -> None:
@@ -42,24 +38,6 @@ def test_gradients() -> None:
     assert predicted.grad.isfinite().all()
     known = target.isfinite()
     assert torch.equal(predicted.grad != 0, visible[..., None] & known)
-
-
-@pytest.mark.parametrize("name", ["unet", "resnet18"])
-@pytest.mark.parametrize("normalise", [False, True])
-def test_orientation_stands_beside_descriptors(name: str, normalise: bool) -> None:
-    settings = NetworkSettings(name=name, widths=(8, 16, 32), descriptor_dim=4, normalise=normalise)
-    network = build_network(settings, NetworkInput(), orientation=True).eval()
-    image = torch.randn(2, 3, 40, 56)
-    with torch.inference_mode():
-        out = network.described(image)
-        assert torch.equal(network(image), out.descriptors)
-    assert out.descriptors.shape == (2, 4, 40, 56)
-    assert out.orientation.shape == (2, 3, 40, 56)
-    if normalise:  # the length of a descriptor is its own, not shared with the direction
-        torch.testing.assert_close(out.descriptors.norm(dim=1), torch.ones(2, 40, 56))
-    plain = build_network(settings, NetworkInput()).eval()
-    with torch.inference_mode():
-        assert plain.described(image).orientation.shape == (2, 0, 40, 56)
 
 
 def test_a_reversible_rope_may_be_answered_either_way_but_one_way_in_an_image() -> None:
