@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import ModuleType
 
 import pytest
 
 from pliant.spec.dataset import Dataset
-from tests.loaders import sheet_dataset as sheet_dataset_module
+from tests.loaders.sheet_dataset import write_sheet_dataset
 
 torch = pytest.importorskip("torch", reason="the models need the extra 'train'")
 
@@ -21,11 +20,6 @@ def one_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def sheets() -> ModuleType:
-    return sheet_dataset_module
-
-
-@pytest.fixture(scope="session")
-def sheet_dataset(sheets: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+def sheet_dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     root = tmp_path_factory.mktemp("sheets") / "set"
-    return Dataset.open(sheets.write_sheet_dataset(root, {"train": 4, "val": 3}, size=(80, 60)))
+    return Dataset.open(write_sheet_dataset(root, {"train": 4, "val": 3}, size=(80, 60)))

@@ -8,21 +8,9 @@ import pytest
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer
+from tests.models.tiny_runs import DON, options
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-SMALL = [
-    "steps=2",
-    "batch=1",
-    "width=40",
-    "height=30",
-    "network.widths=[8, 16, 32]",
-    "validation={every: 2, pairs: 1, queries: 8, calibration_pairs: 2}",
-]
-
-
-def settings(*more: str) -> list[str]:
-    return [part for value in (*SMALL, *more) for part in ("--set", value)]
 
 
 @pytest.mark.long
@@ -33,7 +21,7 @@ def test_train_predict_and_check(
     """The whole way: what a run answers passes the submission check, and says how it came about."""
     out, submission = tmp_path / "run", tmp_path / "sub.parquet"
     arguments = ["train", "don", "--data", str(tiny_dataset), "--out", str(out), "--json"]
-    assert run([*arguments, *settings("tier=rope")]) == 0
+    assert run([*arguments, *options(*DON, "steps=2", "tier=rope")]) == 0
     report = json.loads(capfd.readouterr().out)
     assert report["steps"] == 2
     assert report["tier"] == "rope"
@@ -53,7 +41,7 @@ def test_train_predict_and_check(
 def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "run"
     arguments = ["train", "don", "--data", str(sheet_dataset.root), "--out", str(out)]
-    assert run([*arguments, *settings()]) == 0
+    assert run([*arguments, *options(*DON, "steps=2")]) == 0
     assert run([*arguments, "--resume"]) == 0
 
 

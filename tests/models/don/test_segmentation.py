@@ -66,11 +66,15 @@ def vague(rope: Mask, others: Mask | None = None) -> Foreground:
     return Foreground(own, objects, np.full_like(own, 0.5))
 
 
+def masks_in(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask | None]:
+    found = rope_masks(rgb, seen)
+    assert found is not None
+    return found
+
+
 def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
     rgb, rope, ball, shadow = scene()
-    found = rope_masks(rgb, vague(rope, ball | shadow))
-    assert found is not None
-    own, objects = found
+    own, objects = masks_in(rgb, vague(rope, ball | shadow))
     assert objects is not None
     assert overlap(own, rope) > 0.85
     assert overlap(objects & ~own, ball) > 0.7
@@ -82,17 +86,14 @@ def test_a_rope_like_the_table_is_kept_where_the_network_is_sure() -> None:
     part = rope & (np.arange(WIDTH) > WIDTH // 2)
     rgb[part] = rgb[10, 10] // 2
     seen = rope.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3)).astype(np.float32)
-    found = rope_masks(rgb, Foreground(seen, seen, np.full_like(seen, 0.5)))
-    assert found is not None
-    assert (found[0] & part).sum() > 0.6 * part.sum()
+    own, _ = masks_in(rgb, Foreground(seen, seen, np.full_like(seen, 0.5)))
+    assert (own & part).sum() > 0.6 * part.sum()
 
 
 def test_a_ball_like_the_table_is_not_ruled_out_where_no_end_is_known() -> None:
     rgb, rope, ball, _ = scene()
     rgb[ball] = rgb[10, 10]
-    found = rope_masks(rgb, vague(rope))
-    assert found is not None
-    own, objects = found
+    own, objects = masks_in(rgb, vague(rope))
     assert overlap(own, rope) > 0.85
     assert objects is None
 
@@ -103,9 +104,7 @@ def test_a_ball_like_the_table_is_where_the_first_end_is() -> None:
     seen = vague(rope)
     first = np.zeros_like(seen.first)
     first[:, : WIDTH // 16] = 1  # of four pixels each: the first quarter
-    found = rope_masks(rgb, replace(seen, first=first))
-    assert found is not None
-    own, objects = found
+    own, objects = masks_in(rgb, replace(seen, first=first))
     assert objects is not None
     gap_px = np.argwhere(objects & ~own).mean(axis=0) - np.argwhere(ball).mean(axis=0)
     assert np.linalg.norm(gap_px) < 4 * HALF_PX

@@ -7,13 +7,12 @@ import pytest
 import torch
 from torch import nn
 
-from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.settings import AnswerSettings, DonSettings
+from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.sides import grid_of, side_of
-from pliant.models.networks.descriptor_network import NetworkSettings, build_network
 from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
+from tests.models.don.planted import planted
 
 SIZE = (240, 180)
 PIXELS = np.stack(np.meshgrid(np.arange(240), np.arange(180)), axis=-1).reshape(-1, 2) + 0.5
@@ -65,16 +64,12 @@ def test_a_network_that_is_sure_of_one_side_is_left_alone() -> None:
     assert side_of(points, log_p, torch.from_numpy(PIXELS).float(), SIZE[0]) is None
 
 
-@pytest.mark.parametrize("places", [0, 1, 2])
-def test_too_few_points_have_no_map(places: int) -> None:
-    points = grid_of(CLOTH)[:places]
-    log_p = torn(points, np.full(places, 0.5))
-    assert side_of(points, log_p, torch.from_numpy(PIXELS).float(), SIZE[0]) is None
+LINE = np.stack([np.arange(60.0, 180.0, 4), np.full(30, 90.0)], axis=1)
 
 
-def test_points_on_one_line_have_no_map() -> None:
-    points = np.stack([np.arange(60.0, 180.0, 4), np.full(30, 90.0)], axis=1)
-    log_p = torn(points, np.full(30, 0.5))
+@pytest.mark.parametrize("points", [*(grid_of(CLOTH)[:few] for few in (0, 1, 2)), LINE])
+def test_too_few_points_or_points_on_one_line_have_no_map(points: FloatArray) -> None:
+    log_p = torn(points, np.full(len(points), 0.5))
     assert side_of(points, log_p, torch.from_numpy(PIXELS).float(), SIZE[0]) is None
 
 
@@ -103,12 +98,7 @@ def patches(seed: int) -> Frame:
 
 
 def matcher(one_side: bool) -> DonMatcher:
-    network = build_network(
-        NetworkSettings(widths=(8, 32), descriptor_dim=3), NetworkInput(), initial_scale=20.0
-    )
-    network.backbone = Undecided()
-    answer = AnswerSettings(one_side=one_side)
-    return DonMatcher(network, DonSettings(width=SIZE[0], height=SIZE[1], answer=answer))
+    return planted(Undecided(), SIZE, AnswerSettings(one_side=one_side))
 
 
 def test_a_torn_network_answers_a_pair_on_one_side() -> None:

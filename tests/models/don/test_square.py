@@ -10,13 +10,12 @@ import pytest
 import torch
 from torch import nn
 
-from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.settings import AnswerSettings, DonSettings
-from pliant.models.networks.descriptor_network import NetworkSettings, build_network
+from pliant.models.don.settings import AnswerSettings
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
+from tests.models.don.planted import planted
 
 SIZE = (160, 120)
 MIDDLE = np.array(SIZE) / 2
@@ -49,10 +48,7 @@ def square(angle_deg: float, *, masked: bool = True) -> Frame:
 
 
 def matcher(blank_square: Literal["no", "upright", "any"]) -> DonMatcher:
-    network = build_network(NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=20.0)
-    network.backbone = PlaceInPicture()
-    answer = AnswerSettings(blank_square=blank_square)
-    made = DonMatcher(network, DonSettings(width=SIZE[0], height=SIZE[1], answer=answer))
+    made = planted(PlaceInPicture(), SIZE, AnswerSettings(blank_square=blank_square))
     made.calibration = Calibration(stray=0.0)
     return made
 

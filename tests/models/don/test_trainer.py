@@ -21,36 +21,16 @@ from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.models.same_runs import assert_same_runs, last_checkpoint
+from tests.models.tiny_runs import DON, don, options
 
 # The import of TensorBoard's protocol buffers warns of its own future.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-TINY = [
-    "steps=6",
-    "batch=1",
-    "width=40",
-    "height=30",
-    "seed=3",
-    "network.widths=[8, 16, 32]",
-    "network.descriptor_dim=4",
-    "pairs.queries=8",
-    "validation.every=3",
-    "validation.pairs=2",
-    "validation.queries=8",
-    "validation.calibration_pairs=2",
-    "checkpoint_every=2",
-    "optimiser.warmup=2",
-]
-
-
-def tiny(*overrides: str) -> DonSettings:
-    return read_settings(DonSettings, None, [*TINY, *overrides])
 
 
 @pytest.mark.long
 def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """Four frames, any two of them a pair: to be found to a fraction of a pixel."""
-    settings = tiny(
+    settings = don(
         "steps=70",
         "batch=2",
         "width=80",
@@ -70,7 +50,7 @@ def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
 def test_resumed_equals_uninterrupted(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """Bit for bit: weights, running average, optimiser and history; TimeCycle's test has AdamW."""
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    settings = tiny("optimiser.kind=muon")
+    settings = don("optimiser.kind=muon")
     train_don(sheet_dataset, whole, settings)
     train_don(sheet_dataset, parts, settings, stop_at=3)
     assert last_checkpoint(parts).step == 3
@@ -93,15 +73,15 @@ def test_a_run_interrupted_before_its_first_checkpoint_begins_again(
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        train_don(sheet_dataset, run, tiny(), progress=stop)
-    with pytest.raises(TrainingError, match="Start it without --resume"):
-        train_don(sheet_dataset, run, tiny(), resume=True)
-    with open_run(run, tiny(), False, "decode"), pytest.raises(CallError, match="another process"):
-        train_don(sheet_dataset, run, tiny())
-    train_don(sheet_dataset, run, tiny(), stop_at=2)
+        train_don(sheet_dataset, run, don(), progress=stop)
+    with pytest.raises(TrainingError, match=r"no checkpoint to resume.*Start it without --resume"):
+        train_don(sheet_dataset, run, don(), resume=True)
+    with open_run(run, don(), False, "decode"), pytest.raises(CallError, match="another process"):
+        train_don(sheet_dataset, run, don())
+    train_don(sheet_dataset, run, don(), stop_at=2)
     assert len(list((run / "tensorboard").iterdir())) == 1
     with pytest.raises(CallError, match="must be empty"):
-        train_don(sheet_dataset, run, tiny())
+        train_don(sheet_dataset, run, don())
 
 
 @pytest.mark.parametrize("keep", ["best", "last"])
@@ -118,7 +98,7 @@ def test_which_weights_answer(
 
     monkeypatch.setattr("pliant.models.don.trainer.validate", worse_and_worse)
     run = tmp_path / "run"
-    train_don(sheet_dataset, run, tiny(f"validation.keep={keep}"))
+    train_don(sheet_dataset, run, don(f"validation.keep={keep}"))
     last = last_checkpoint(run).average
     answering = read_weights_file(run / "best.safetensors")
     same = [torch.equal(answering[name], last[name]) for name in last]
@@ -127,7 +107,7 @@ def test_which_weights_answer(
 
 def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    facts = train_don(sheet_dataset, run, tiny())
+    facts = train_don(sheet_dataset, run, don())
     assert (run / "report.html").stat().st_size > 20_000
     assert list((run / "tensorboard").iterdir())
     assert [p.name for p in (run / "checkpoints").iterdir()] == ["0000006"]
@@ -154,11 +134,11 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
     assert facts["validation"]["rmse_px"] > 0
     # The config that was stored is the one that ran, its tier named.
     stored = settings_to_dict(read_settings(DonSettings, run / "config.yaml"))
-    assert stored == settings_to_dict(tiny("tier=sheet"))
+    assert stored == settings_to_dict(don("tier=sheet"))
 
 
 @pytest.mark.parametrize(
-    "options",
+    "overrides",
     [
         ["loss.kind=contrastive", "pairs.input=depth"],
         pytest.param(["network.name=resnet18"], marks=pytest.mark.long),
@@ -167,17 +147,16 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
     ],
 )
 def test_other_settings_train_too(
-    sheet_dataset: Dataset, tmp_path: Path, options: list[str]
+    sheet_dataset: Dataset, tmp_path: Path, overrides: list[str]
 ) -> None:
-    facts = train_don(
-        sheet_dataset, tmp_path / "run", tiny("steps=2", "validation.every=2", *options)
-    )
+    settings = don("steps=2", "validation.every=2", *overrides)
+    facts = train_don(sheet_dataset, tmp_path / "run", settings)
     assert facts["steps"] == 2
     load_matcher(tmp_path / "run")
 
 
 def test_stops_early_when_nothing_gets_better(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    settings = tiny(
+    settings = don(
         "steps=40",
         "validation.every=1",
         "validation.patience=2",
@@ -189,30 +168,23 @@ def test_stops_early_when_nothing_gets_better(sheet_dataset: Dataset, tmp_path: 
 
 
 def test_divergence_is_an_error(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    settings = tiny("optimiser.learning_rate=1e30", "optimiser.warmup=0", "optimiser.clip_norm=0")
+    settings = don("optimiser.learning_rate=1e30", "optimiser.warmup=0", "optimiser.clip_norm=0")
     with pytest.raises(TrainingError, match="no longer finite"):
         train_don(sheet_dataset, tmp_path / "run", settings)
 
 
-def test_calls_that_are_refused(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    with pytest.raises(TrainingError, match="no checkpoint to resume"):
-        train_don(sheet_dataset, run, tiny(), resume=True)
-    train_don(sheet_dataset, run, tiny("steps=2"), stop_at=2)
-    with pytest.raises(TrainingError, match="settings it began with"):
-        train_don(sheet_dataset, run, tiny("steps=9"), resume=True)
+def test_what_cannot_go_on_or_answer_is_refused(sheet_dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(CallError, match="not a training run"):
         load_matcher(tmp_path / "nothing")
-
-
-def test_a_damaged_checkpoint_is_named(sheet_dataset: Dataset, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    train_don(sheet_dataset, run, tiny("steps=2"), stop_at=2)
+    train_don(sheet_dataset, run, don("steps=2"), stop_at=2)
+    with pytest.raises(TrainingError, match="settings it began with"):
+        train_don(sheet_dataset, run, don("steps=9"), resume=True)
     folder = latest_checkpoint(run)
     assert folder is not None
     (folder / "weights.safetensors").write_bytes(b"broken")
     with pytest.raises(TrainingError, match=r"weights\.safetensors: the weights cannot be read"):
-        train_don(sheet_dataset, run, tiny("steps=2"), resume=True)
+        train_don(sheet_dataset, run, don("steps=2"), resume=True)
     (run / "best.safetensors").write_bytes(b"\x00" * 50)
     with pytest.raises(TrainingError, match=r"best\.safetensors"):
         load_matcher(run)
@@ -238,32 +210,16 @@ def test_two_processes_equal_one_with_twice_the_batch(
     """
     common = ["steps=3", "cache=false", "loss.background=-1", "validation.every=3"]
     alone = tmp_path / "alone"
-    train_don(sheet_dataset, alone, tiny(*common, "batch=2"))
+    train_don(sheet_dataset, alone, don(*common, "batch=2"))
     together = tmp_path / "together"
     defaults = tmp_path / "defaults.yaml"  # not the shipped recipe
     defaults.write_text("")
-    overrides = [part for value in [*TINY, *common] for part in ("--set", value)]
+    own_port = "--standalone --local-addr=127.0.0.1 --nproc-per-node=2 --no-python"
+    launch = [sys.executable, "-m", "torch.distributed.run", *own_port.split()]
+    data = ["--data", str(sheet_dataset.root), "--config", str(defaults), "--out", str(together)]
+    train = [str(Path(sys.executable).parent / "pliant"), "train", "don", *data, "--json"]
     done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "torch.distributed.run",
-            "--standalone",  # finds a free port itself, and keeps it
-            "--local-addr=127.0.0.1",
-            "--nproc-per-node=2",
-            "--no-python",
-            str(Path(sys.executable).parent / "pliant"),
-            "train",
-            "don",
-            "--data",
-            str(sheet_dataset.root),
-            "--out",
-            str(together),
-            "--config",
-            str(defaults),
-            "--json",
-            *overrides,
-        ],
+        [*launch, *train, *options(*DON, *common)],
         capture_output=True,
         text=True,
         env={**os.environ, "OMP_NUM_THREADS": "1"},

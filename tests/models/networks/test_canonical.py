@@ -9,13 +9,12 @@ import torch
 
 from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
-from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
 from pliant.spec.model import MaterialCoordinate, MaterialObject
+from tests.models.tiny_runs import don
 
 ONE = torch.tensor(1.0)
 
@@ -87,22 +86,12 @@ def test_hidden_points_do_not_count() -> None:
 def test_a_run_with_all_heads_answers_with_and_without_masks(
     sheet_dataset: Dataset, tmp_path: Path
 ) -> None:
-    settings = read_settings(
-        DonSettings,
-        None,
-        [
-            "steps=3",
-            "batch=1",
-            "width=40",
-            "height=30",
-            "network.widths=[8, 16, 32]",
-            "pairs={queries: 8, input: grey, masks: true}",
-            "augment={recolour: 0.5, mask_faults: 0.5, mask_drop: 0.2}",
-            "loss={canonical_weight: 0.5, foreground_weight: 0.5, orientation_weight: 0.2}",
-            "validation={every: 3, pairs: 2, queries: 8, calibration_pairs: 2}",
-            "optimiser.warmup=1",
-            "also=['#sheet']",
-        ],
+    settings = don(
+        "steps=3",
+        "pairs={queries: 8, input: grey, masks: true}",
+        "augment={recolour: 0.5, mask_faults: 0.5, mask_drop: 0.2}",
+        "loss={canonical_weight: 0.5, foreground_weight: 0.5, orientation_weight: 0.2}",
+        "also=['#sheet']",
     )
     run = tmp_path / "run"
     train_don(sheet_dataset, run, settings)

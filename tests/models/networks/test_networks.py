@@ -26,35 +26,41 @@ SMALL = NetworkSettings(widths=(8, 16, 32))
 
 
 @pytest.mark.parametrize("name", ["unet", "resnet18", "resnet50"])
-@pytest.mark.parametrize("kind", ["depth", "rgb"])
-def test_a_descriptor_at_every_pixel(name: str, kind: InputKind) -> None:
-    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32), normalise=True)
-    network = build_network(settings, NetworkInput(kind)).eval()
-    with torch.inference_mode():
-        descriptors = network(torch.randn(1, NetworkInput(kind).channels, 50, 66))
-    assert descriptors.shape == (1, 5, 50, 66)
-    torch.testing.assert_close(descriptors.norm(dim=1), torch.ones(1, 50, 66))
+@pytest.mark.parametrize(("kind", "normalise"), [("depth", True), ("rgb", True), ("rgb", False)])
+def test_a_descriptor_and_an_orientation_at_every_pixel(
+    name: str, kind: InputKind, normalise: bool
+) -> None:
+    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32), normalise=normalise)
+    images = torch.randn(1, NetworkInput(kind).channels, 50, 66)
+    for orientation in (False, True):
+        network = build_network(settings, NetworkInput(kind), orientation=orientation).eval()
+        with torch.inference_mode():
+            out = network.described(images)
+            assert torch.equal(network(images), out.descriptors)
+        assert out.descriptors.shape == (1, 5, 50, 66)
+        assert out.orientation.shape == (1, 3 * orientation, 50, 66)
+        if normalise:  # the length of a descriptor is its own, not shared with the direction
+            torch.testing.assert_close(out.descriptors.norm(dim=1), torch.ones(1, 50, 66))
 
 
-@pytest.mark.parametrize(("name", "blocks"), [("resnet18", 8), ("resnet34", 16), ("resnet50", 16)])
-def test_resnets_have_their_depth_and_stride_8(name: str, blocks: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "blocks", "millions"),
+    [("resnet18", 8, 11.18), ("resnet34", 16, 21.28), ("resnet50", 16, 23.51)],
+)
+def test_resnets_have_depth_and_parameters_of_torchvision_and_stride_8(
+    name: str, blocks: int, millions: float
+) -> None:
+    """Parameters without the classifier, by torchvision's documentation."""
     network = ResNetFCN(name, 3, 4).eval()
-    counted = sum(len(getattr(network, f"layer{stage}")) for stage in range(1, 5))
-    assert counted == blocks
+    assert sum(len(getattr(network, f"layer{stage}")) for stage in range(1, 5)) == blocks
+    counted = sum(p.numel() for key, p in network.named_parameters() if "head" not in key)
+    assert counted / 1e6 == pytest.approx(millions, abs=0.01)
+    assert "layer4.1.bn2.running_mean" in network.state_dict()
     sizes: list[torch.Size] = []
     network.layer4.register_forward_hook(lambda module, inputs, output: sizes.append(output.shape))
     with torch.inference_mode():
         network(torch.randn(1, 3, 64, 96))
     assert sizes[0][-2:] == (8, 12)
-
-
-def test_resnets_have_the_parameters_of_torchvision() -> None:
-    """11.18, 21.28 and 23.51 million without the classifier (torchvision's documentation)."""
-    for name, millions in (("resnet18", 11.18), ("resnet34", 21.28), ("resnet50", 23.51)):
-        network = ResNetFCN(name, 3, 4)
-        counted = sum(p.numel() for key, p in network.named_parameters() if "head" not in key)
-        assert counted / 1e6 == pytest.approx(millions, abs=0.01)
-        assert "layer4.1.bn2.running_mean" in network.state_dict()
 
 
 def test_descriptors_between_pixels() -> None:
@@ -94,14 +100,18 @@ def resnet_of(network: DescriptorNetwork) -> ResNetFCN:
     return network.backbone
 
 
-def weights_of(network: nn.Module) -> dict[str, torch.Tensor]:
-    return {name: tensor.clone() for name, tensor in network.state_dict().items()}
+def saved(folder: Path, network: nn.Module, pairs: str = "") -> str:
+    """Return the folder with a run's weights and, where given, a config that says its input."""
+    save_file(network.state_dict(), folder / "best.safetensors")
+    if pairs:
+        (folder / "config.yaml").write_text(f"pairs: {pairs}\n")
+    return str(folder)
 
 
 @pytest.mark.parametrize("suffix", [".safetensors", ".pth"])
 def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
     torch.manual_seed(1)
-    given = weights_of(ResNetFCN("resnet18", 3, 4))
+    given = ResNetFCN("resnet18", 3, 4).state_dict()
     given["fc.weight"] = torch.zeros(1000, 512)  # what classifiers have besides
     path = tmp_path / f"weights{suffix}"
     if suffix == ".pth":
@@ -118,11 +128,10 @@ def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
 
 
 def test_colour_weights_serve_depth(tmp_path: Path) -> None:
-    given = weights_of(ResNetFCN("resnet18", 3, 4))
-    save_file(given, tmp_path / "w.safetensors")
-    settings = NetworkSettings(name="resnet18", pretrained=str(tmp_path / "w.safetensors"))
+    colour = ResNetFCN("resnet18", 3, 4)
+    settings = NetworkSettings(name="resnet18", pretrained=saved(tmp_path, colour))
     depth = resnet_of(build_network(settings, NetworkInput("depth", masks=True))).conv1.weight
-    torch.testing.assert_close(depth[:, 0], given["conv1.weight"].mean(dim=1))
+    torch.testing.assert_close(depth[:, 0], colour.conv1.weight.mean(dim=1))
     assert not depth[:, 1:].any()
 
 
@@ -174,9 +183,8 @@ def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path)
     settings = NetworkSettings(widths=(8, 16, 32))
     torch.manual_seed(1)
     earlier = build_network(settings, COLOUR, initial_scale=2.5)
-    save_file(earlier.state_dict(), tmp_path / "best.safetensors")
+    source = saved(tmp_path, earlier)
     torch.manual_seed(2)
-    source = str(tmp_path / "best.safetensors")
     later = build_network(settings.replace(pretrained=source), COLOUR, initial_scale=1.0)
     image = torch.rand(1, 3, 32, 32)
     assert torch.equal(later(image), earlier(image))
@@ -188,10 +196,8 @@ def test_a_colour_network_goes_on_with_grey_and_masks(tmp_path: Path) -> None:
     settings = NetworkSettings(widths=(8, 16, 32), patch=2)
     torch.manual_seed(1)
     earlier = build_network(settings, COLOUR, orientation=True)
-    save_file(earlier.state_dict(), tmp_path / "best.safetensors")
-    (tmp_path / "config.yaml").write_text("pairs: {input: rgb}\n")
+    settings = settings.replace(pretrained=saved(tmp_path, earlier, "{input: rgb}"))
     torch.manual_seed(2)
-    settings = settings.replace(pretrained=str(tmp_path))
     seen = NetworkInput("grey", masks=True)
     later = build_network(settings, seen, orientation=True, foreground=True)
     grey = torch.rand(1, 1, 32, 32)
@@ -206,9 +212,8 @@ def test_channels_of_two_inputs_are_matched_by_name(tmp_path: Path) -> None:
     """Twelve filters a patch on both sides: taken by position, red would serve as grey."""
     settings = NetworkSettings(widths=(8, 32), patch=2)
     masked = build_network(settings, NetworkInput("depth", masks=True))
-    save_file(masked.state_dict(), tmp_path / "best.safetensors")
-    (tmp_path / "config.yaml").write_text("pairs: {input: depth, masks: true}\n")
-    settings = settings.replace(pretrained=str(tmp_path))
+    source = saved(tmp_path, masked, "{input: depth, masks: true}")
+    settings = settings.replace(pretrained=source)
     grey = build_network(settings, NetworkInput("grey", masks=True))
     name = "backbone.encoder.0.conv1.weight"
     given, taken = masked.state_dict()[name], grey.state_dict()[name]

@@ -15,27 +15,16 @@ from pliant.models import load_matcher
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table
+from tests.models.tiny_runs import TIMECYCLE, options
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-SMALL = [
-    "steps=2",
-    "batch=1",
-    "width=96",
-    "height=64",
-    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
-    "clips={length: 3, step_max: 2, patches: 1}",
-    "validation={split: test, every: 2, clips: 1, frames: 4, queries: 8}",
-]
 
 
 @pytest.fixture(scope="module")
 def trained(tiny_episode: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("timecycle") / "run"
-    settings = [part for value in SMALL for part in ("--set", value)]
-    assert (
-        run(["train", "timecycle", "--data", str(tiny_episode), "--out", str(out), *settings]) == 0
-    )
+    train = ["train", "timecycle", "--data", str(tiny_episode), "--out", str(out)]
+    assert run([*train, *options(*TIMECYCLE, "steps=2")]) == 0
     return out
 
 

@@ -38,6 +38,7 @@ def frame(field: torch.Tensor, moved: tuple[float, float]) -> torch.Tensor:
     return torch.nn.functional.normalize(seen, dim=0)
 
 
+SHARP = PropagationSettings(temperature=0.05, top_k=5, radius=0, prior=0)
 POINTS = torch.tensor([[6.2, 5.5], [10.0, 12.3], [14.8, 8.1]])
 
 
@@ -47,9 +48,7 @@ def test_a_translating_texture_is_followed(refine: int, radius: float) -> None:
     """20 frames of 0.3 and 0.15 cells each: within a quarter of a cell all the way, when read
     between cells; within half of one when not."""
     field = texture()
-    settings = PropagationSettings(
-        temperature=0.05, top_k=5, first_weight=0.5, refine=refine, radius=radius, prior=0
-    )
+    settings = SHARP.replace(first_weight=0.5, refine=refine, radius=radius)
     carried = Propagator(frame(field, (0, 0)), POINTS, settings, 1.0)
     for step in range(1, 21):
         found = carried.step(frame(field, (0.3 * step, 0.15 * step)))
@@ -57,20 +56,22 @@ def test_a_translating_texture_is_followed(refine: int, radius: float) -> None:
         assert float(gap.max()) < (0.5 if refine == 1 else 0.25), step
 
 
-def test_what_does_not_move_stays_exactly_where_it_is() -> None:
-    field = texture()
-    carried = Propagator(frame(field, (0, 0)), POINTS, PropagationSettings(), 0.1)
+@pytest.mark.parametrize("smooth", [0.0, 1.0])
+def test_what_does_not_move_stays_exactly_where_it_is(smooth: float) -> None:
+    still, on = frame(texture(), (0, 0)), np.zeros((H, W), bool)
+    on[4:16, 4:18] = True
+    carried = Propagator(still, POINTS, PropagationSettings(smooth=smooth), 0.1, on)
     for _ in range(5):
-        torch.testing.assert_close(carried.step(frame(field, (0, 0))), POINTS, atol=1e-4, rtol=0)
+        torch.testing.assert_close(carried.step(still), POINTS, atol=1e-4, rtol=0)
 
 
 def test_the_radius_keeps_points_near() -> None:
     """The texture jumps by 9 cells: without a radius it is found again, with one it is not."""
     field = texture()
     first, jumped = frame(field, (0, 0)), frame(field, (9, 0))
-    free = Propagator(first, POINTS, PropagationSettings(temperature=0.05, radius=0, prior=0), 1.0)
-    bound = Propagator(
-        first, POINTS, PropagationSettings(temperature=0.05, radius=0.1, prior=0), 1.0
+    free, bound = (
+        Propagator(first, POINTS, SHARP.replace(top_k=10, radius=radius), 1.0)
+        for radius in (0.0, 0.1)
     )
     assert float((free.step(jumped) - POINTS - torch.tensor([9.0, 0])).norm(dim=1).max()) < 0.3
     assert float((bound.step(jumped) - POINTS).norm(dim=1).max()) < 0.1 * W + 1
@@ -97,9 +98,7 @@ def test_the_prior_breaks_a_tie_for_the_nearer_place() -> None:
 
 def test_the_first_frame_brings_a_point_back_after_it_was_hidden() -> None:
     field, other = texture(), texture(seed=9)
-    settings = PropagationSettings(
-        temperature=0.05, top_k=5, radius=0, prior=0, context=2, first_weight=0.6
-    )
+    settings = SHARP.replace(context=2, first_weight=0.6)
     carried = Propagator(frame(field, (0, 0)), POINTS, settings, 1.0)
     for _ in range(4):
         carried.step(frame(other, (0, 0)))
@@ -170,18 +169,9 @@ def test_neighbours_carry_a_point_that_looks_like_nothing() -> None:
     on[5:14, 9:20] = True
     gaps = []
     for smooth in (0.0, 1.5):
-        settings = PropagationSettings(temperature=0.05, top_k=5, prior=0, smooth=smooth)
+        settings = SHARP.replace(radius=0.1, smooth=smooth)
         carried = Propagator(first, query, settings, 1.0, on)
         found = carried.step(second)
         assert found.shape == query.shape
         gaps.append(float((found - query - torch.tensor(moved)).norm()))
     assert gaps[1] < 0.25 < gaps[0]
-
-
-def test_still_points_stay_with_their_neighbours() -> None:
-    field = texture()
-    on = np.zeros((H, W), bool)
-    on[4:16, 4:18] = True
-    carried = Propagator(frame(field, (0, 0)), POINTS, PropagationSettings(smooth=1.0), 0.1, on)
-    for _ in range(3):
-        torch.testing.assert_close(carried.step(frame(field, (0, 0))), POINTS, atol=1e-4, rtol=0)

@@ -29,26 +29,10 @@ from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.models.same_runs import assert_same_runs, last_checkpoint
+from tests.models.tiny_runs import timecycle
 
 # The import of TensorBoard's protocol buffers warns of its own future.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
-TINY = [
-    "steps=6",
-    "batch=1",
-    "width=96",
-    "height=64",
-    "seed=3",
-    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
-    "clips={length: 3, step_max: 3, patches: 1}",
-    "validation={split: test, every: 3, clips: 2, frames: 5, queries: 8}",
-    "checkpoint_every=2",
-    "optimiser.warmup=2",
-]
-
-
-def tiny(*overrides: str) -> TimeCycleSettings:
-    return read_settings(TimeCycleSettings, None, [*TINY, *overrides])
 
 
 @pytest.fixture
@@ -61,7 +45,7 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_report")
 def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> None:
     """Bit for bit: weights, running average, optimiser and history."""
-    settings = tiny("clips.choose=motion")
+    settings = timecycle("clips.choose=motion")
     dataset = Dataset.open(tiny_episode)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_timecycle(dataset, whole, settings)
@@ -73,7 +57,7 @@ def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> Non
 
 def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> None:
     run, dataset = tmp_path / "run", Dataset.open(tiny_episode)
-    facts = train_timecycle(dataset, run, tiny())
+    facts = train_timecycle(dataset, run, timecycle())
     page = (run / "report.html").read_text()
     assert facts["guard"]["verdict"] in page
     assert "Does the cycle beat the trivial answers?" in page
@@ -85,7 +69,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     }
     assert json.loads((run / "run.json").read_text())["steps"] == 6
     stored = settings_to_dict(read_settings(TimeCycleSettings, run / "config.yaml"))
-    assert stored == settings_to_dict(tiny("tier=rope"))
+    assert stored == settings_to_dict(timecycle("tier=rope"))
     assert stored["kind"] == "timecycle"
     history = last_checkpoint(run).history
     for name in ("long", "skip", "similarity", "self"):
@@ -96,7 +80,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     assert described["propagation"]["top_k"] == 10
     json.dumps(described)
     with pytest.raises(TrainingError, match="settings it began with"):
-        train_timecycle(dataset, run, tiny("seed=4"), resume=True)
+        train_timecycle(dataset, run, timecycle("seed=4"), resume=True)
     (run / "config.yaml").write_text("kind: timecycle\nnetwork: {descriptor_dim: 8}\n")
     with pytest.raises(TrainingError, match="do not fit"):
         load_matcher(run)

@@ -11,12 +11,12 @@ import torch
 from pliant.models import load_matcher
 from pliant.models.timecycle import report
 from pliant.models.timecycle.matcher import TimeCycleMatcher
-from pliant.models.timecycle.settings import TimeCycleSettings, WalkSettings
+from pliant.models.timecycle.settings import WalkSettings
 from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.timecycle.walk import Copies, walk_losses, warped_copies
-from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from tests.models.tiny_runs import timecycle
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
@@ -125,21 +125,20 @@ def test_clips_without_the_object_count_nothing() -> None:
     assert not maps.grad.any()
 
 
-TINY = (
-    "steps=3", "batch=1", "width=96", "height=64", "lift=8", "clips.length=2",
-    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
-    "validation={split: test, every: 3, clips: 1, frames: 3, queries: 8}",
-    "losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}", "propagation.stride=2",
-)  # fmt: skip
+WALKS = (
+    "clips.length=2",
+    "lift=8",
+    "losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}",
+    "propagation.stride=2",
+)
 
 
 def test_a_run_of_walks_alone_answers(
     tiny_episode: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(report, "write_timecycle_report", lambda *_: None)
-    settings = read_settings(TimeCycleSettings, None, [*TINY, "walk.weight=1"])
     dataset = Dataset.open(tiny_episode)
-    train_timecycle(dataset, tmp_path / "run", settings)
+    train_timecycle(dataset, tmp_path / "run", timecycle(*WALKS, "walk.weight=1"))
     logged = (tmp_path / "run").rglob("*.json")
     assert any("walk_home" in path.read_text() for path in logged)
     matcher = load_matcher(tmp_path / "run")
@@ -149,4 +148,4 @@ def test_a_run_of_walks_alone_answers(
 
 def test_a_run_needs_a_loss() -> None:
     with pytest.raises(CallError, match=r"walk\.weight"):
-        read_settings(TimeCycleSettings, None, TINY)
+        timecycle(*WALKS)
