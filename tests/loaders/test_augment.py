@@ -211,14 +211,19 @@ def test_regions_get_colours_of_their_own() -> None:
     assert max(correlated) > 0.5
 
 
-def test_masks_are_exact_unless_faults_are_asked_for() -> None:
-    view = with_ball()
-    rng = np.random.default_rng(0)
-    mask, objects = given_masks(rng, view, AugmentSettings())
+def both_masks(
+    rng: np.random.Generator, view: TrainingFrame, settings: AugmentSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    mask, objects = given_masks(rng, view, settings)
     assert mask is not None
     assert objects is not None
-    np.testing.assert_array_equal(mask, view.mask)
-    np.testing.assert_array_equal(objects, view.objects)
+    return mask, objects
+
+
+def test_masks_are_exact_unless_faults_are_asked_for() -> None:
+    view = with_ball()
+    exact = both_masks(np.random.default_rng(0), view, AugmentSettings())
+    np.testing.assert_array_equal(exact, [view.mask, view.objects])
 
 
 def test_faulty_masks_shrink_grow_and_have_holes() -> None:
@@ -227,9 +232,7 @@ def test_faulty_masks_shrink_grow_and_have_holes() -> None:
     settings = AugmentSettings(mask_faults=1)
     areas = set()
     for _ in range(40):
-        mask, objects = given_masks(rng, view, settings)
-        assert mask is not None
-        assert objects is not None
+        mask, objects = both_masks(rng, view, settings)
         assert not (mask & ~objects).any()
         areas.add(int(mask.sum()))
     assert min(areas) < view.mask.sum() < max(areas)

@@ -9,7 +9,7 @@ from scipy.ndimage import label
 from pliant.loaders import mask_damage
 from pliant.loaders.augment import AugmentSettings, given_masks, given_picture
 from pliant.loaders.mask_damage import damaged
-from tests.loaders.test_augment import SIZE, with_ball
+from tests.loaders.test_augment import SIZE, both_masks, with_ball
 
 DRAWS = 60
 
@@ -69,11 +69,7 @@ def test_damage_never_deletes_the_object_and_needs_one() -> None:
 def test_damage_is_asked_for_and_repeatable() -> None:
     view = with_ball()
     settings = AugmentSettings(mask_damage=1)
-    mask, objects = given_masks(np.random.default_rng(5), view, settings)
-    again, _ = given_masks(np.random.default_rng(5), view, settings)
-    assert mask is not None
-    assert objects is not None
-    assert again is not None
+    mask, again = (both_masks(np.random.default_rng(5), view, settings)[0] for _ in range(2))
     assert (mask != view.mask).any()
     np.testing.assert_array_equal(mask, again)
 

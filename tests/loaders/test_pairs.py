@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +22,21 @@ from pliant.loaders import (
 from pliant.loaders.pairs import Pairing
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.surface_search import SurfaceSearch
 from tests.loaders.sheet_dataset import sheet_map, write_sheet_dataset
 
 SIZE = (80, 60)
+
+
+def pairs_of(
+    dataset: Dataset,
+    settings: PairSettings | None = None,
+    size: tuple[int, int] = SIZE,
+    augmentation: AugmentSettings | None = None,
+    seed: int = 0,
+) -> PairDataset:
+    store = FrameStore(dataset, "sheet", "train", size)
+    return PairDataset(store, settings, augmentation=augmentation, seed=seed)
 
 
 def colours_at(image: torch.Tensor, uv: torch.Tensor) -> np.ndarray:
@@ -50,11 +63,7 @@ def inside(mask: torch.Tensor, uv: torch.Tensor) -> torch.Tensor:
 def test_matches_show_the_same_print(sheet_dataset: Dataset, turned: bool) -> None:
     """Whatever was done to the two views, a point has the sheet's own colour in both."""
     augmentation = AugmentSettings(rotate_deg=180, scale=0.1, colour=0, noise=0) if turned else None
-    pairs = PairDataset(
-        FrameStore(sheet_dataset, "sheet", "train", (160, 120)),
-        PairSettings(queries=60),
-        augmentation=augmentation,
-    )
+    pairs = pairs_of(sheet_dataset, PairSettings(queries=60), (160, 120), augmentation)
     checked = 0
     for index in range(6):
         sample = pairs[index]
@@ -71,21 +80,20 @@ def test_matches_show_the_same_print(sheet_dataset: Dataset, turned: bool) -> No
 
 
 def test_partners_are_the_points_across_the_sheet(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
-    sample = pairs[0]
+    """Slot 1 is the half-turned partner, (1 - u, 1 - v): in the image and as samples give it."""
+    sample = pairs_of(sheet_dataset, size=sheet_dataset.size)[0]
+    assert sample["material"].shape == (48, 2, 2)
     frame = int(sample["frames"][0])
     affine = sheet_map(frame, 0, sheet_dataset.size, 0.0)
     inverse = np.linalg.inv(affine[:, :2])
     material = (sample["uv_px"][0].double().numpy() - affine[:, 2]) @ inverse.T  # (Q, 2, 2)
     np.testing.assert_allclose(material[:, 1], 1 - material[:, 0], atol=1e-5)
+    np.testing.assert_allclose(material, sample["material"], atol=1e-5)
 
 
 def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
     """The tables and the surface images are two tellings of one truth."""
-    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
-    store = pairs.store
-    from pliant.spec.surface_search import SurfaceSearch
-
+    store = pairs_of(sheet_dataset, size=sheet_dataset.size).store
     view = store.view(1)
     material = store.material[view.visible].astype(np.float64)
     surface = store.frames[1].sequence.surface(0)
@@ -95,37 +103,23 @@ def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
 
 
 def test_sample_depends_on_seed_and_number_alone(sheet_dataset: Dataset) -> None:
-    def make(seed: int) -> PairDataset:
-        return PairDataset(
-            FrameStore(sheet_dataset, "sheet", "train", SIZE),
-            seed=seed,
-            augmentation=AugmentSettings(),
-        )
-
-    first, second = make(0), make(0)
+    first, second, other = (
+        pairs_of(sheet_dataset, augmentation=AugmentSettings(), seed=seed) for seed in (0, 0, 1)
+    )
     for _ in range(3):
         first[0]  # what was drawn before is no matter
     same = all(torch.equal(first[7][name], second[7][name]) for name in first[7])
     assert same
     assert not torch.equal(first[7]["image"], first[8]["image"])
-    assert not torch.equal(first[7]["image"], make(1)[7]["image"])
+    assert not torch.equal(first[7]["image"], other[7]["image"])
 
 
 def test_workers_and_resuming_give_the_same_batches(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE))
+    pairs = pairs_of(sheet_dataset)
     whole = list(DataLoader(pairs, batch_sampler=StepOrder(2, 0, 4)))
-    resumed = list(
-        DataLoader(
-            pairs,
-            batch_sampler=StepOrder(2, 2, 4),
-            num_workers=1,
-            multiprocessing_context="spawn",
-        )
-    )
-    assert [int(batch["frames"].sum()) for batch in whole[2:]] == [
-        int(batch["frames"].sum()) for batch in resumed
-    ]
-    assert torch.equal(whole[3]["image"], resumed[1]["image"])
+    workers: dict[str, Any] = {"num_workers": 1, "multiprocessing_context": "spawn"}
+    resumed = list(DataLoader(pairs, batch_sampler=StepOrder(2, 2, 4), **workers))
+    torch.testing.assert_close(whole[2:], resumed, rtol=0, atol=0)
 
 
 def test_processes_share_the_samples_out() -> None:
@@ -136,16 +130,14 @@ def test_processes_share_the_samples_out() -> None:
 
 
 def test_more_views_share_their_points(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE), PairSettings(views=3))
-    sample = pairs[0]
+    sample = pairs_of(sheet_dataset, PairSettings(views=3))[0]
     assert sample["image"].shape == (3, 3, 60, 80)
     assert (sample["visible"][:, :, 0].sum(dim=0) >= 2).all()
     assert len(set(sample["frames"].tolist())) == 3
 
 
 def test_depth_inputs(sheet_dataset: Dataset) -> None:
-    settings = PairSettings(input="depth")
-    sample = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE), settings)[0]
+    sample = pairs_of(sheet_dataset, PairSettings(input="depth"))[0]
     assert sample["image"].shape[1] == 1
     depth = sample["image"][0, -1]
     assert (depth[~sample["mask"][0]] >= -0.2).all()
@@ -153,8 +145,7 @@ def test_depth_inputs(sheet_dataset: Dataset) -> None:
 
 
 def test_next_pairs_are_neighbours_and_tell_their_action(sheet_episode: Dataset) -> None:
-    settings = PairSettings(pairing="next")
-    pairs = PairDataset(FrameStore(sheet_episode, "sheet", "train", sheet_episode.size), settings)
+    pairs = pairs_of(sheet_episode, PairSettings(pairing="next"), sheet_episode.size)
     sample = pairs[5]
     a, b = (pairs.store.frames[int(frame)] for frame in sample["frames"])
     assert a.sequence.id == b.sequence.id
@@ -170,17 +161,13 @@ def test_next_pairs_are_neighbours_and_tell_their_action(sheet_episode: Dataset)
 
 
 def test_independent_frames_have_no_action(sheet_dataset: Dataset) -> None:
-    sample = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE))[0]
+    sample = pairs_of(sheet_dataset)[0]
     assert torch.isinf(sample["action_px"]).all()
 
 
 def test_clips_follow_points_through_an_episode(sheet_episode: Dataset) -> None:
-    clips = ClipDataset(
-        FrameStore(sheet_episode, "sheet", "train", sheet_episode.size),
-        length=3,
-        step=2,
-        queries=20,
-    )
+    store = FrameStore(sheet_episode, "sheet", "train", sheet_episode.size)
+    clips = ClipDataset(store, length=3, step=2, queries=20)
     assert len(clips) == 2 * 2
     sample = clips[3]
     assert sample["image"].shape == (3, 3, 120, 160)
@@ -192,12 +179,8 @@ def test_clips_follow_points_through_an_episode(sheet_episode: Dataset) -> None:
 
 
 def test_clips_skip_frames_as_drawn(sheet_episode: Dataset) -> None:
-    clips = ClipDataset(
-        FrameStore(sheet_episode, "sheet", "train", sheet_episode.size),
-        length=3,
-        step=1,
-        step_max=9,
-    )
+    store = FrameStore(sheet_episode, "sheet", "train", sheet_episode.size)
+    clips = ClipDataset(store, length=3, step=1, step_max=9)
     steps = []
     for number in range(24):
         gaps = clips[number]["frames"].diff()
@@ -211,11 +194,11 @@ def test_clips_skip_frames_as_drawn(sheet_episode: Dataset) -> None:
 
 def test_a_clip_is_augmented_as_a_whole(sheet_episode: Dataset) -> None:
     """One rotation for all frames: distances between tracks stay what they were."""
-    plain = ClipDataset(FrameStore(sheet_episode, "sheet", "train", SIZE), length=3)
-    turned = ClipDataset(
-        FrameStore(sheet_episode, "sheet", "train", SIZE), length=3, augmentation=AugmentSettings()
+    store = FrameStore(sheet_episode, "sheet", "train", SIZE)
+    a, b = (
+        ClipDataset(store, length=3, augmentation=changes)[1]
+        for changes in (None, AugmentSettings())
     )
-    a, b = plain[1], turned[1]
     assert torch.equal(a["frames"], b["frames"])
     for t in range(3):
         torch.testing.assert_close(
@@ -227,7 +210,7 @@ def test_clips_of_configurations_are_refused(sheet_dataset: Dataset) -> None:
     with pytest.raises(CallError, match="no episode of 4 frames"):
         ClipDataset(FrameStore(sheet_dataset, "sheet", "train"))
     with pytest.raises(CallError, match="too few frames for pairs of kind 'next'"):
-        PairDataset(FrameStore(sheet_dataset, "sheet", "train"), PairSettings(pairing="next"))
+        pairs_of(sheet_dataset, PairSettings(pairing="next"))
 
 
 def test_memory_does_not_grow_with_what_was_read(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -282,14 +265,6 @@ def test_a_batch_is_of_one_part(sheet_dataset: Dataset) -> None:
     assert slots == {1, 2}
 
 
-def test_samples_give_the_material_of_their_points(sheet_dataset: Dataset) -> None:
-    """Slot 1 is the half-turned partner: (1 - u, 1 - v)."""
-    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", (40, 30)))
-    material = pairs[0]["material"]
-    assert material.shape == (48, 2, 2)
-    torch.testing.assert_close(material[:, 1], 1 - material[:, 0], atol=1e-5, rtol=0)
-
-
 @pytest.mark.parametrize("pairing", ["sequence", "next"])
 def test_the_truth_moves_by_no_more_than_the_action(
     sheet_episode: Dataset, pairing: Pairing
@@ -297,9 +272,7 @@ def test_the_truth_moves_by_no_more_than_the_action(
     """Views that are turned each on its own break the bound for most points."""
     settings = PairSettings(views=3, queries=40, pairing=pairing)
     turned = AugmentSettings(rotate_deg=180, scale=0.3)
-    pairs = PairDataset(
-        FrameStore(sheet_episode, "sheet", "train", (80, 60)), settings, augmentation=turned
-    )
+    pairs = pairs_of(sheet_episode, settings, augmentation=turned)
     for index in range(6):
         sample = pairs[index]
         uv, visible = sample["uv_px"][:, :, 0], sample["visible"][:, :, 0]
