@@ -37,8 +37,8 @@ def interest(pictures: torch.Tensor, mask: torch.Tensor, choose: str, stride: in
     """Return how likely a patch is centred on each cell of the last frame.
 
     `mask`: on the object. `motion`: where the frames differ; so that a thin object which is
-    still at the moment is found too, contrast has a quarter of the say. `anywhere`: all alike.
-    Where a rule finds nothing at all, every cell is alike.
+    still at the moment is found too, contrast has a quarter of the say. Where a rule finds nothing
+    at all, every cell is alike.
 
     Args:
         pictures: float (B, T, C, H, W), a clip.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypedDict
@@ -70,6 +69,5 @@ def train_task(
         interrupted = options.get("stop_at") is not None and state.step < settings.steps
         if processes.first and not interrupted and (run / BEST).is_file():
             load_best(task.network, run)
-            history: list[Mapping[str, float]] = [*state.history]
-            task.finish(run, history, facts)
+            task.finish(run, state.history, facts)
     return facts
