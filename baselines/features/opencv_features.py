@@ -9,16 +9,15 @@ import numpy as np
 
 from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
-from pliant.baselines.features.opencv import (
-    PADDING_PX,
-    described,
-    keypoints_at,
-    load_opencv,
-    padded,
-)
+from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.features.orientation import dominant_gradient_deg, intensity_centroid_deg
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
+
+PADDING_PX: Final = 64
+"""Width of the border replicated around an image before descriptors are computed at given
+positions: OpenCV drops ORB keypoints nearer than 31 px to the edge, and fails on images of a
+few pixels."""
 
 SIFT_LAYER: Final = 1
 """Layer of SIFT's first octave in which given pixels are described: the first with keypoints."""
@@ -84,7 +83,7 @@ class OpencvFeatures:
         """
         keypoints, descriptors = self._describer.detectAndCompute(grey, None)
         if not keypoints:
-            return Keypoints(np.zeros((0, 2), np.float32), described(self._describer, grey, []))
+            return Keypoints(np.zeros((0, 2), np.float32), self._nothing())
         return Keypoints(self._positions(keypoints, grey.shape), descriptors)
 
     def describe_at(self, grey: ImageArray, uv_px: Float32Array) -> Descriptors:
@@ -97,13 +96,27 @@ class OpencvFeatures:
         Returns:
             float32 (N, D), or uint8 (N, D) of packed bits.
         """
-        image = padded(grey)
+        if len(uv_px) == 0:
+            return self._nothing()
+        image = np.pad(grey, PADDING_PX, mode="edge")
         angle_deg = self._orientation_deg(image, uv_px + PADDING_PX)
-        keypoints = keypoints_at(
-            self._cv2, uv_px, angle_deg, size_px=self.size_px, octave=self.octave
-        )
-        found = described(self._describer, image, keypoints)
-        return found.astype(np.uint8, copy=False) if self.metric == "hamming" else found
+        xy = uv_px.astype(np.float64) - HALF_PIXEL + PADDING_PX
+        keypoints = [
+            self._cv2.KeyPoint(x, y, self.size_px, angle, 0.0, self.octave, row)
+            for row, ((x, y), angle) in enumerate(zip(xy.tolist(), angle_deg.tolist(), strict=True))
+        ]
+        kept, descriptors = self._describer.compute(image, keypoints)
+        rows = np.array([keypoint.class_id for keypoint in kept])
+        if len(rows) != len(keypoints):
+            raise RuntimeError(f"OpenCV described {len(rows)} of {len(keypoints)} keypoints")
+        ordered = np.empty_like(descriptors)
+        ordered[rows] = descriptors
+        return ordered
+
+    def _nothing(self) -> Descriptors:
+        """Return the descriptors of no keypoints."""
+        kind = np.uint8 if self.metric == "hamming" else np.float32
+        return np.zeros((0, self._describer.descriptorSize()), kind)
 
 
 class Sift(OpencvFeatures):

@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
-from pliant.baselines.features.opencv import padded
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.errors import MissingExtraError
 
@@ -117,7 +116,8 @@ class MahotasSurf:
         # mahotas leaves out points whose window crosses the edge: give every window room.
         room = int(16 * mended[:, _SCALE].max()) + 2
         mended[:, [_X, _Y]] += MAHOTAS_OFF_CENTRE_PX + room
-        rows = self._surf.descriptors(padded(grey, room), mended, descriptor_only=True)
+        padded = np.pad(grey, room, mode="edge")
+        rows = self._surf.descriptors(padded, mended, descriptor_only=True)
         if len(rows) != len(points):
             raise RuntimeError(f"mahotas described {len(rows)} of {len(points)} positions")
         descriptors: npt.NDArray[np.float32] = rows.astype(np.float32)
