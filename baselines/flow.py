@@ -1,9 +1,8 @@
 """Optical flow, chained through the frames of an episode with a forward-backward check.
 
-Lucas and Kanade (IJCAI 1981) in the pyramid of Bouguet (2000), dense inverse search (Kroeger and
-others, ECCV 2016) and robust local optical flow (Senst and others, IEEE TCSVT 2012), all by OpenCV.
-The check is that of Kalal and others (ICPR 2010): a point that is followed to the next frame and
-back must return to where it started.
+Lucas and Kanade (IJCAI 1981) in the pyramid of Bouguet (2000), and dense inverse search (Kroeger
+and others, ECCV 2016), both by OpenCV. The check is that of Kalal and others (ICPR 2010): a point
+that is followed to the next frame and back must return to where it started.
 """
 
 from __future__ import annotations

@@ -87,22 +87,19 @@ class FusedTracker:
     Args:
         matcher: The method that compares the first frame with a later one.
         every: Frames between two comparisons with the first frame, >= 1.
-        trust: How far both are trusted.
 
     Raises:
         CallError: The method answers whole splits only, or `every` is too small.
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(
-        self, matcher: Matcher | SplitMatcher, every: int = 8, trust: Trust = TRUST
-    ) -> None:
+    def __init__(self, matcher: Matcher | SplitMatcher, every: int = 8) -> None:
         if isinstance(matcher, SplitMatcher):
             raise CallError("this method does not compare two pictures", where=matcher.name)
         check_whole("every", every, least=1)
         self._every = every
         self.name = PREFIX + matcher.name
-        self._matcher, self._flow, self._trust = matcher, FlowChain("dis-chain"), trust
+        self._matcher, self._flow = matcher, FlowChain("dis-chain")
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
@@ -110,7 +107,7 @@ class FusedTracker:
             "flow": self._flow.describe(),
             "matcher": self._matcher.describe(),
             "every": self._every,
-            **asdict(self._trust),
+            **asdict(TRUST),
         }
 
     def share(self, folder: Path) -> None:
@@ -147,11 +144,10 @@ class FusedTracker:
 
     def _moved(self, belief: _Belief, moved_px: Float32Array, kept: BoolArray) -> _Belief:
         """Return the belief after a step of the flow, which `kept` some points, bool (N,)."""
-        trust = self._trust
         return _Belief(
             np.where(kept[:, None], moved_px, belief.position_px),
-            belief.variance + np.where(kept, trust.drift_px, trust.lost_px) ** 2,
-            belief.followed * (1 - np.where(kept, trust.slip, trust.lost_slip)),
+            belief.variance + np.where(kept, TRUST.drift_px, TRUST.lost_px) ** 2,
+            belief.followed * (1 - np.where(kept, TRUST.slip, TRUST.lost_slip)),
         )
 
     def _fused(
@@ -164,8 +160,8 @@ class FusedTracker:
         errs in whole stretches of an object, so how often it is right is found from the points
         around (expectation maximisation), of which those count that the flow has followed.
         """
-        trust, anywhere = self._trust, 1.0 / (size[0] * size[1])
-        modes = _modes(found, trust.least_sigma_px)  # (N, K, 4): u, v, variance, weight
+        anywhere = 1.0 / (size[0] * size[1])
+        modes = _modes(found)  # (N, K, 4): u, v, variance, weight
         both = belief.variance[:, None] + modes[..., 2]
         apart = ((modes[..., :2] - belief.position_px[:, None]) ** 2).sum(axis=2)
         density = modes[..., 3] * np.exp(-apart / (2 * both)) / (2 * np.pi * both)
@@ -175,10 +171,10 @@ class FusedTracker:
         def counting(right: FloatArray) -> FloatArray:
             return np.asarray(right * explained / (right * explained + (1 - right) * anywhere))
 
-        near = _near(uv_px, trust.around_px) * belief.followed
-        counts = counting(np.full(len(uv_px), trust.right))
+        near = _near(uv_px) * belief.followed
+        counts = counting(np.full(len(uv_px), TRUST.right))
         for _ in range(_STEPS):
-            counts = counting((near @ counts + trust.right) / (near.sum(axis=1) + 1))
+            counts = counting((near @ counts + TRUST.right) / (near.sum(axis=1) + 1))
         followed, counted = agree / explained, counts > 0.5
         joined = counted & (followed > 0.5)
         rows, best = np.arange(len(uv_px)), density.argmax(axis=1)
@@ -195,14 +191,14 @@ class FusedTracker:
         return _Belief(position, variance, np.where(moved, counts, kept)), counted
 
 
-def _near(uv_px: Float32Array, around_px: float) -> FloatArray:
+def _near(uv_px: Float32Array) -> FloatArray:
     """Return how near points are to each other in the first frame, float64 (N, N), 0 to 1."""
     apart = ((uv_px[:, None].astype(np.float64) - uv_px[None]) ** 2).sum(axis=2)
-    near: FloatArray = np.exp(-apart / (2 * around_px**2))
+    near: FloatArray = np.exp(-apart / (2 * TRUST.around_px**2))
     return near
 
 
-def _modes(found: Answers, least_px: float) -> FloatArray:
+def _modes(found: Answers) -> FloatArray:
     """Return the modes of N answers, float64 (N, K, 4) of (u, v, variance, weight)."""
     if found.modes is None:
         sigma = found.sigma_px
@@ -214,5 +210,5 @@ def _modes(found: Answers, least_px: float) -> FloatArray:
         for row, own in zip(rows, found.modes, strict=True):
             row[: len(own)] = own
         rows[..., 3] /= rows[..., 3].sum(axis=1, keepdims=True)
-    rows[..., 2] = np.maximum(rows[..., 2], least_px) ** 2
+    rows[..., 2] = np.maximum(rows[..., 2], TRUST.least_sigma_px) ** 2
     return rows

@@ -11,7 +11,7 @@ from scipy.special import softmax
 
 from pliant.baselines.adapters.images import Images, as_grid, function_name, sample
 from pliant.baselines.matcher import Heat
-from pliant.baselines.pixels import central_position, searched_mask
+from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
@@ -79,12 +79,10 @@ class DescriptorMatcher:
         score = wanted @ described[cells[:, 1], cells[:, 0]].T
         mask = searched_mask(target)
         values = np.full(mask.shape, np.nan, np.float32)
-        rows, columns = np.nonzero(mask)
-        pixels = np.stack([columns, rows], axis=1) + 0.5
         similarity = np.full(described.shape[:2], np.nan, np.float32)
         similarity[cells[:, 1], cells[:, 0]] = score[0]
-        at = self._nearest_cell(pixels, described, target)
-        values[rows, columns] = similarity[at[:, 1], at[:, 0]]
+        at = self._nearest_cell(pixel_centres(mask), described, target)
+        values[mask] = similarity[at[:, 1], at[:, 0]]
         logits = (score[0] / _TEMPERATURE).astype(np.float64)
         share = float(softmax(logits).max()) if len(cells) else 0.0
         return Heat(values, "cosine similarity", share, "probability of the best cell")
@@ -118,7 +116,7 @@ class DescriptorMatcher:
         return pixels
 
     def _nearest_cell(
-        self, uv_px: FloatArray, described: npt.NDArray[Any], view: Frame
+        self, uv_px: npt.NDArray[np.float32], described: npt.NDArray[Any], view: Frame
     ) -> npt.NDArray[np.int64]:
         stride, first = self._geometry(described, view)
         last = np.array(described.shape[1::-1]) - 1
@@ -126,11 +124,9 @@ class DescriptorMatcher:
 
     def _cells(self, view: Frame) -> npt.NDArray[np.int64]:
         """Return column and row of the cells that touch the object, int64 (M, 2)."""
-        described, mask = self._map(view), searched_mask(view)
-        rows, columns = np.nonzero(mask)
-        pixels = np.stack([columns, rows], axis=1) + 0.5
+        described = self._map(view)
         on = np.zeros(described.shape[:2], np.bool_)
-        at = self._nearest_cell(pixels, described, view)
+        at = self._nearest_cell(pixel_centres(searched_mask(view)), described, view)
         on[at[:, 1], at[:, 0]] = True
         return np.argwhere(on)[:, ::-1]
 
