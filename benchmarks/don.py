@@ -1,14 +1,10 @@
-"""Dense Object Nets on a tier: what a step costs beyond the network, and how well it does.
+"""Dense Object Nets on ropes: what a step costs beyond the network, and how well it does.
 
-Makes a set of a tier (unseen configurations in a material seen in training, a camera from above),
+Makes a set of ropes (unseen configurations in a material seen in training, a camera from above),
 trains with the shipped CPU recipe, answers the
 test split with the run and with SIFT, SURF and ORB, and scores all four by the `standard`
 protocol. `--quick` trains far too little to be good: its errors show that the pieces fit, not what
 the method can do.
-
-The tier is rope, or PLIANT_DON_TIER. To use what exists: PLIANT_DON_DATA names a dataset with
-that tier (such as DIR/sets/rope of `pliant benchmark`), PLIANT_DON_RUN a finished run on it
-(otherwise it is trained, with PLIANT_DON_STEPS steps).
 
 overhead_ratio           CPU time of loader, network and loss, forward and backward, over that of
                          the network alone with a loss of one sum
@@ -47,7 +43,7 @@ from pliant.models.training.processes import Processes
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 
-CONFIGS = Path(__file__).parents[1] / "models" / "configs"
+RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don-rope.yaml"
 CLASSICAL = ("sift", "surf", "orb")
 SMALL = {"train": 12, "val": 4, "test": 4}
 QUICK = [
@@ -59,16 +55,14 @@ QUICK = [
 ]
 
 
-def one_material(tier: str) -> GenerateConfig:
-    """Return a set of configurations in one material, seen from above."""
-    above, counts = CameraSettings(top=1, oblique=0), {"train": 300, "val": 30, "test": 30}
-    if tier == "rope":
-        above = above.replace(fov_deg=(48, 50), distance_m=(1.38, 1.45))
-        counts = {"train": 3000, "val": 60, "test": 60}
-    look = AppearanceSettings(materials=1)
-    return GenerateConfig(
-        tiers=(tier,), splits=counts, seed=2026, style="raster", look=look, camera=above
-    )
+ONE_MATERIAL = GenerateConfig(
+    tiers=("rope",),
+    splits={"train": 3000, "val": 60, "test": 60},
+    seed=2026,
+    style="raster",
+    look=AppearanceSettings(materials=1),
+    camera=CameraSettings(top=1, oblique=0, fov_deg=(48, 50), distance_m=(1.38, 1.45)),
+)
 
 
 def overhead_ratio(dataset: Dataset, settings: DonSettings, run: Path, rounds: int) -> float:
@@ -102,30 +96,19 @@ def scored(dataset: Dataset, method: str, matcher: object, folder: Path) -> Scor
 
 def measure(quick: bool) -> dict[str, Value]:
     """Make, train, answer, score."""
-    tier = os.environ.get("PLIANT_DON_TIER", "rope")
-    recipe_file = CONFIGS / ("don-rope.yaml" if tier == "rope" else "don-cloth.yaml")
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        data = os.environ.get("PLIANT_DON_DATA")
-        if data is None:
-            config = one_material(tier)
-            if quick:
-                few = QuerySettings(pairs_per_sequence=1)
-                config = config.replace(splits=SMALL, queries=few)
-            generate(config, scratch / "set", workers=1 if quick else 2)
-            data = str(scratch / "set")
-        dataset = Dataset.open(data)
-        steps = os.environ.get("PLIANT_DON_STEPS")
-        overrides = [f"tier={tier}", *(QUICK if quick else [])] + (
-            [f"steps={steps}"] if steps else []
-        )
-        settings = read_settings(DonSettings, recipe_file, overrides)
-        timed = read_settings(DonSettings, recipe_file, [f"tier={tier}", "limit=12"])
+        config = ONE_MATERIAL
+        if quick:
+            config = config.replace(splits=SMALL, queries=QuerySettings(pairs_per_sequence=1))
+        generate(config, scratch / "set", workers=1 if quick else 2)
+        dataset = Dataset.open(scratch / "set")
+        settings = read_settings(DonSettings, RECIPE, ["tier=rope", *(QUICK if quick else [])])
+        timed = read_settings(DonSettings, RECIPE, ["tier=rope", "limit=12"])
         ratio = overhead_ratio(dataset, timed, scratch / "timing", 3 if quick else 15)
-        run = Path(os.environ.get("PLIANT_DON_RUN", scratch / "run"))
+        run = scratch / "run"
         started = time.process_time()
-        if not run.exists():
-            train_don(dataset, run, settings)
+        train_don(dataset, run, settings)
         trained_s = time.process_time() - started
         learned = scored(dataset, "don", load_matcher(run), scratch).overall
         classical = {

@@ -25,6 +25,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from record import Value, cpu_s, main
 
+from pliant.evaluator import evaluate
+from pliant.spec import tables
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VISIBILITY_STATES
+from pliant.spec.io.exr import Surface, write_surface
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.io.reading import sha256_file
+from pliant.spec.storage import layout
+
 QUERIES_PER_PAIR, QUERIES_WITH_SURFACES = 200, 98
 FRAMES, POINTS = 21, 5000
 WIDTH, HEIGHT = 640, 480
@@ -47,27 +56,8 @@ HALF_TURN = {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]
 IDENTITY = {"dataset": {"id": "scale", "version": "1.0.0"}}
 
 
-def write_dataset(root: Path, rows: int) -> None:
-    """Write a dataset without images and a shuffled submission of `rows` rows."""
-    pairs = rows // QUERIES_PER_PAIR
-    names, tier_of = write_sequences(root, max(2, pairs // 20))
-    write_rows(root, pairs, QUERIES_PER_PAIR, names, tier_of)
-
-
-def write_dataset_with_surfaces(root: Path, pairs: int) -> None:
-    """Write a dataset with the surface images of its target frames, and a shuffled submission."""
-    names, tier_of = write_sequences(root, max(2, pairs // (20 * (FRAMES - 1))))
-    write_surfaces(root, names, tier_of)
-    write_rows(root, pairs, QUERIES_WITH_SURFACES, names, tier_of, middle=0.5)
-
-
 def write_surfaces(root: Path, names: list[str], tier_of: list[str]) -> None:
     """Write point tables and surface images: a bent square cloth, turned from frame to frame."""
-    from pliant.spec import tables
-    from pliant.spec.io.exr import Surface, write_surface
-    from pliant.spec.io.parquet import write_table
-    from pliant.spec.storage import layout
-
     rng = np.random.default_rng(1)
     side = 0.5 * HEIGHT
     v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
@@ -100,12 +90,6 @@ def write_surfaces(root: Path, names: list[str], tier_of: list[str]) -> None:
 
 def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[str]]:
     """Write the dataset without its queries; return the names and tiers of its sequences."""
-    from pliant.spec import tables
-    from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-    from pliant.spec.io.jsonfiles import write_json
-    from pliant.spec.io.parquet import write_table
-    from pliant.spec.storage import layout
-
     tiers = [
         {"name": "plain", **TIER, "symmetries": []},
         {"name": "turned", **TIER, "symmetries": [HALF_TURN]},
@@ -169,12 +153,6 @@ def write_rows(
         middle: Share of the image's height whose square in the middle has all queries; 1 takes
             the whole image.
     """
-    from pliant.spec import tables
-    from pliant.spec.conventions import VISIBILITY_STATES
-    from pliant.spec.io.parquet import write_table
-    from pliant.spec.io.reading import sha256_file
-    from pliant.spec.storage import layout
-
     rng = np.random.default_rng(0)
     sequence_count = len(names)
     pair = np.repeat(np.arange(pairs, dtype=np.int32), per_pair)
@@ -230,9 +208,6 @@ def write_rows(
 
 def _partners(uv_b: Any, state: Any, has_one: Any) -> pa.ListArray:
     """Return the partners of queries, (N, 2) and (N,): of those that have one, the axes swapped."""
-    from pliant.spec import tables
-    from pliant.spec.conventions import VISIBILITY_STATES
-
     lists = tables.TRUTH.field("alternatives").type
     partner = uv_b[has_one > 0][:, ::-1]
     states = text(state[has_one > 0], list(VISIBILITY_STATES))
@@ -246,8 +221,6 @@ def _partners(uv_b: Any, state: Any, has_one: Any) -> pa.ListArray:
 
 def job(what: str, root: Path) -> dict[str, float]:
     """Do one thing in this process; return its CPU seconds and the peak memory."""
-    from pliant.evaluator import evaluate
-
     submission, truth = root / "submission.parquet", root / "truth" / "test.parquet"
     if what == "read":
         used = cpu_s(lambda: [pq.read_table(submission), pq.read_table(truth)])
@@ -292,12 +265,17 @@ def measure(quick: bool) -> dict[str, Value]:
     rows, pairs = (2_000_000, 5_100) if quick else (10_000_000, 51_000)
     jobs = ["read", "paper", "standard"]
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
-        write_dataset(Path(folder), rows)
-        size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
-        plain = compare(Path(folder), jobs, 3)
+        root, plain_pairs = Path(folder), rows // QUERIES_PER_PAIR
+        names, tier_of = write_sequences(root, max(2, plain_pairs // 20))
+        write_rows(root, plain_pairs, QUERIES_PER_PAIR, names, tier_of)
+        size = sum(path.stat().st_size for path in root.rglob("*.parquet"))
+        plain = compare(root, jobs, 3)
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
-        write_dataset_with_surfaces(Path(folder), pairs)
-        surfaces = compare(Path(folder), jobs, 3 if quick else 1)
+        root = Path(folder)
+        names, tier_of = write_sequences(root, max(2, pairs // (20 * (FRAMES - 1))))
+        write_surfaces(root, names, tier_of)
+        write_rows(root, pairs, QUERIES_WITH_SURFACES, names, tier_of, middle=0.5)
+        surfaces = compare(root, jobs, 3 if quick else 1)
     result: dict[str, Value] = {
         "rows": rows,
         "bytes_per_row": size / rows,

@@ -88,11 +88,18 @@ def _sustained(ticks: list[tuple[float, int]], frames: int) -> float:
 
 def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
     """Make one episode per worker."""
-    config = _config(tier, style, frames, workers)
+    config = GenerateConfig(
+        tiers=(tier,),
+        splits={"train": workers},
+        frames=max(frames, 2),
+        episodes=True,
+        style=style,
+    )
     results: list[SequenceResult] = []
-    with _folder() as root:
+    with tempfile.TemporaryDirectory(prefix="pliant-benchmark-") as folder:
+        maker = sequence_maker(config, Path(folder))
         ticks, done = [(time.perf_counter(), 0)], 0
-        for event in LocalEngine(workers).events(plan_tasks(config), sequence_maker(config, root)):
+        for event in LocalEngine(workers).events(plan_tasks(config), maker):
             if isinstance(event, Failed):
                 raise SystemExit(event.error)
             if isinstance(event, Rendered):
@@ -102,16 +109,6 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
             if isinstance(event, Finished):
                 results.append(event.result)
     return Run(results, ticks)
-
-
-def _config(tier: str, style: str, frames: int, sequences: int) -> GenerateConfig:
-    return GenerateConfig(
-        tiers=(tier,),
-        splits={"train": sequences},
-        frames=max(frames, 2),
-        episodes=True,
-        style=style,
-    )
 
 
 @contextmanager
@@ -126,12 +123,6 @@ def _one_core() -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, cores)
-
-
-@contextmanager
-def _folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="pliant-benchmark-") as folder:
-        yield Path(folder)
 
 
 if __name__ == "__main__":

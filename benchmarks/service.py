@@ -21,7 +21,6 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -52,37 +51,29 @@ RULES = {
 }
 
 
-@dataclass(frozen=True)
-class Size:
-    """How much is measured."""
-
-    participants: int
-    rows: int
-    stored: int
-    scored: int
-
-
 def measure(quick: bool) -> Mapping[str, Value]:
     """Return the figures."""
-    size = Size(10, 1_000, 1_000, 6) if quick else Size(50, 10_000, 10_000, 30)
+    sizes = (10, 1_000, 1_000, 6) if quick else (50, 10_000, 10_000, 30)
     with tempfile.TemporaryDirectory(prefix="pliant-service-") as folder:
-        return _measure(Path(folder), size)
+        return _measure(Path(folder), *sizes)
 
 
-def _measure(place: Path, size: Size) -> Mapping[str, Value]:
-    public, private = _publish(place, size.rows)
+def _measure(
+    place: Path, participants: int, row_count: int, stored: int, scored: int
+) -> Mapping[str, Value]:
+    public, private = _publish(place, row_count)
     config = place / "rules.json"
     config.write_text(json.dumps(RULES))
     root = place / "challenge"
     create_challenge(root, public, private, [], config)
     challenge = Challenge.open(root)
     with challenge.database.write() as session:
-        made = [invite(session, f"team {n}", actor="host") for n in range(size.participants)]
+        made = [invite(session, f"team {n}", actor="host") for n in range(participants)]
         teams, tokens = [team.id for team, _ in made], [token for _, token in made]
-    _store(challenge, teams, size.stored)
+    _store(challenge, teams, stored)
     files = []
     dataset = Dataset.open(public)
-    for number in range(size.participants):
+    for number in range(participants):
         files.append(place / f"{number}.parquet")
         predict(dataset, "test", METHODS["random"](seed=number), files[-1])
     port = 18437
@@ -92,26 +83,26 @@ def _measure(place: Path, size: Size) -> Mapping[str, Value]:
         server = subprocess.Popen(command, stdout=log, stderr=log)
     try:
         _wait(lambda: _answers(address, tokens[0]))
-        start = threading.Barrier(size.participants)
+        start = threading.Barrier(participants)
         web = psutil.Process(server.pid)
         before = _cpu_s(web)
-        with ThreadPoolExecutor(size.participants) as pool:
+        with ThreadPoolExecutor(participants) as pool:
             sent = list(pool.map(lambda *one: _timed_send(address, start, *one), tokens, files))
         submit_cpu_s = _cpu_s(web) - before
         web_mb = web.memory_info().rss / 1e6
-        scoring_cpu_s = _service_cpu_s(challenge, root, size.scored)
+        scoring_cpu_s = _service_cpu_s(challenge, root, scored)
     finally:
         server.terminate()
         server.wait()
     return {
-        "participants": size.participants,
-        "rows": size.rows,
-        "stored": size.stored,
+        "participants": participants,
+        "rows": row_count,
+        "stored": stored,
         "submit_p95_ms": statistics.quantiles(sent, n=20)[-1],
-        "submit_cpu_ms": submit_cpu_s / size.participants * 1000,
+        "submit_cpu_ms": submit_cpu_s / participants * 1000,
         "leaderboard_made_cpu_ms": _making_cpu_ms(challenge),
         "scoring_cpu_s": scoring_cpu_s,
-        "scoring_cpu_ratio": _bare_cpu_s(files[: size.scored], public, private) / scoring_cpu_s,
+        "scoring_cpu_ratio": _bare_cpu_s(files[:scored], public, private) / scoring_cpu_s,
         "web_mb": web_mb,
     }
 
