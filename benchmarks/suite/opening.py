@@ -52,15 +52,15 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
     best: tuple[float, int, Row, Row, FloatArray, FloatArray] | None = None
     for learned in (row for row in rows if row.learned and not row.entry.is_blank):
         rivals = [
-            row for row in rows
-            if (row.test, row.variant, row.entry.track)
-            == (learned.test, learned.variant, learned.entry.track)
+            (value, row)
+            for row in rows
+            if row.place == learned.place
             and row.method in CLASSICAL
-        ]  # fmt: skip
-        known = [row for row in rivals if row.value("standard", "rmse_px") is not None]
-        if not known:
+            and (value := row.value("standard", "rmse_px")) is not None
+        ]
+        if not rivals:
             continue
-        rival = min(known, key=lambda row: row.value("standard", "rmse_px") or 0.0)
+        _, rival = min(rivals, key=lambda each: each[0])
         mine, theirs = (_pair_rmse_px(work, row) for row in (learned, rival))
         gain = np.where(mine > 0, theirs / np.maximum(mine, 4.0), 0.0)
         pair = int(np.nanargmax(gain))
@@ -82,8 +82,7 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
     shown = [
         (row.label, value, row.method in CONTROLS)
         for row in rows
-        if (row.test, row.variant, row.entry.track)
-        == (learned.test, learned.variant, learned.entry.track)
+        if row.place == learned.place
         and not row.entry.is_blank
         and (value := row.value("standard", "rmse_px")) is not None
     ]

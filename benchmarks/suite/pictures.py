@@ -19,7 +19,7 @@ from pliant.evaluator.report.cells import cause_bars
 from pliant.evaluator.report.charts import Chart
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.report import error_histogram
-from pliant.evaluator.scores import Scores, read_scores
+from pliant.evaluator.scores import read_scores
 from pliant.spec.arrays import Rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.queries import QueryPair
@@ -58,7 +58,7 @@ def set_pictures(
         mine = [
             row
             for row in rows
-            if (row.test, row.variant, row.entry.track) == (key, variant, track)
+            if row.place == (key, variant, track)
             and not row.entry.is_blank
             and "standard" in row.scores
         ]
@@ -75,7 +75,8 @@ def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> SetP
     frames = sum(each.frames for each in sequences)
     # Of the controls, `random` alone: what an answer on the object costs.
     shown = [row for row in rows if row.method not in CONTROLS or row.method == "random"] or rows
-    reports = [_scores(work, row) for row in shown]
+    paths = [work.scores_path(row.set, row.entry.stored, "standard") for row in shown]
+    reports = [read_scores(path) for path in paths]
     labels = [row.label for row in shown]
     curves = {
         label: report.document["curves"][tier]["error_px"]
@@ -90,10 +91,6 @@ def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> SetP
         matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
         bars=cause_bars(reports, labels, tier),
     )
-
-
-def _scores(work: Workspace, row: Row) -> Scores:
-    return read_scores(work.scores_path(row.set, row.entry.stored, "standard"))
 
 
 def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:

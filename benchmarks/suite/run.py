@@ -8,7 +8,7 @@ from typing import Protocol, get_args
 
 from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
-from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, Training, digest, model_of
+from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, digest, model_of
 from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, run_all
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
@@ -135,11 +135,13 @@ def _validate(root: Path, workers: int) -> None:
 
 def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
     threads = max(1, cpu_cores() // workers)
+    cache = (work.root / "cache").resolve()
     jobs: dict[str, Job] = {}
     for name, run in config.runs.items():
         note = work.finished(f"run/{name}")
         if note is None:
-            jobs[name] = _training_job(work, name, run, threads)
+            data, folder = work.set_path(run.set), work.run_path(name)
+            jobs[name] = TrainingJob(run.trainer, run.settings, data, folder, threads, cache)
         elif note["digest"] != run_digest(config, name):
             raise CallError(
                 "this training was made with other settings",
@@ -149,12 +151,6 @@ def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watc
     watcher.begin("train", len(config.runs), len(config.runs) - len(jobs))
     identities = {f"run/{name}": run_digest(config, name) for name in jobs}
     _run(jobs, "run", identities, work, workers, watcher)
-
-
-def _training_job(work: Workspace, name: str, run: Training, threads: int) -> TrainingJob:
-    data, folder = work.set_path(run.set), work.run_path(name)
-    cache = (work.root / "cache").resolve()
-    return TrainingJob(run.trainer, run.settings, data, folder, threads, cache)
 
 
 def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
@@ -189,19 +185,16 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
 def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
     """Return the folder of what was trained, None for a method without training."""
     if method in test.shipped:
-        return _shipped_folder(method)
+        return FOLDER / model_of(method)
     return work.run_path(method) if method in test.runs else None
-
-
-def _shipped_folder(method: str) -> Path:
-    return FOLDER / model_of(method)
 
 
 def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     if method in test.runs:
         return run_digest(config, method)
     if method in test.shipped:
-        files = sorted(path for path in _shipped_folder(method).iterdir() if path.name != CARD)
+        folder = FOLDER / model_of(method)
+        files = sorted(path for path in folder.iterdir() if path.name != CARD)
         return digest([sha256_file(path) for path in files])
     return method
 

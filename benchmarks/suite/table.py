@@ -60,6 +60,11 @@ class Row:
         """The method's name, or the training's."""
         return self.entry.method
 
+    @property
+    def place(self) -> tuple[str, str, Masks]:
+        """Test, variant and track: the block of the table that it is in."""
+        return self.test, self.variant, self.entry.track
+
     def value(self, protocol: str, metric: str) -> float | None:
         """Return a score, None where the method has none."""
         found: float | None = self.scores.get(protocol, _NO_SCORES)["values"].get(metric)
@@ -138,23 +143,16 @@ def _label(config: BenchmarkConfig, test: Test, entry: Entry) -> str:
     return _LABELS.get(method, method.upper() if method in CLASSICAL else name)
 
 
-@dataclass(frozen=True)
-class Block:
-    """The rows of one variant of a test in one track, arms with several seeds as their means."""
+def blocks(config: BenchmarkConfig, rows: Sequence[Row]) -> list[list[Row]]:
+    """Return the blocks of the table: track by track, in each the tests in the config's order.
 
-    test: str
-    variant: str
-    track: Masks
-    rows: Sequence[Row]
-
-
-def blocks(config: BenchmarkConfig, rows: Sequence[Row]) -> list[Block]:
-    """Return the blocks of the table: track by track, in each the tests in the config's order."""
+    A block has the rows of one place; arms with several seeds are there as their means.
+    """
     seen: dict[tuple[str, str, Masks], list[Row]] = {}
     for row in arms(rows):
-        seen.setdefault((row.test, row.variant, row.entry.track), []).append(row)
+        seen.setdefault(row.place, []).append(row)
     return [
-        Block(key, variant, track, members)
+        members
         for track in TRACKS
         for key, test in config.tests.items()
         for variant in test.variants

@@ -10,7 +10,7 @@ from typing import Final
 import pyarrow as pa
 
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig, Comparison
-from pliant.benchmarks.suite.table import CLASSICAL, Block, Row, arms, best, blocks, paper_name
+from pliant.benchmarks.suite.table import CLASSICAL, Row, arms, best, blocks, paper_name
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.comparison import Difference, differences
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -70,12 +70,13 @@ def score_tables(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, list
     """Return the tables of every track, the headline first: name of the track -> tables."""
     found: dict[str, list[Table]] = {}
     for block in blocks(config, rows):
-        found.setdefault(TRACKS[block.track], []).append(_score_table(config, block))
+        track = TRACKS[block[0].entry.track]
+        found.setdefault(track, []).append(_score_table(config, block))
     return found
 
 
-def _score_table(config: BenchmarkConfig, block: Block) -> Table:
-    test, rows = config.tests[block.test], block.rows
+def _score_table(config: BenchmarkConfig, rows: Sequence[Row]) -> Table:
+    test = config.tests[rows[0].test]
     protocol = test.protocols[0]
     columns = [
         name
@@ -110,18 +111,18 @@ def _score_table(config: BenchmarkConfig, block: Block) -> Table:
         *(["Train, CPU min"] * training),
         "Answer, CPU s per pair",
     ]
-    title = test.title if len(test.variants) == 1 else f"{test.title}: {block.variant}"
-    return Table(title, heads, lines, rows, _best_sentence(block, protocol))
+    title = test.title if len(test.variants) == 1 else f"{test.title}: {rows[0].variant}"
+    return Table(title, heads, lines, rows, _best_sentence(rows, protocol))
 
 
-def _best_sentence(block: Block, protocol: str) -> str:
+def _best_sentence(rows: Sequence[Row], protocol: str) -> str:
     """Return which row without learning and which learned one is best, by both errors."""
-    shown = [_SYMMETRIC] if any(_has_symmetry(row, protocol) for row in block.rows) else []
+    shown = [_SYMMETRIC] if any(_has_symmetry(row, protocol) for row in rows) else []
     sentences = []
     for metric in ["rmse_px", *shown]:
         parts = []
         for learned, words in ((False, "without learning"), (True, "learned")):
-            row = best(block.rows, protocol, metric, learned=learned)
+            row = best(rows, protocol, metric, learned=learned)
             if row is not None:
                 parts.append(f"{words} {row.label}, {row.value(protocol, metric):.1f} px")
         if parts:

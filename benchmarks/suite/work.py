@@ -159,8 +159,9 @@ class Workspace:
         before = self._read(stage)
         goes_on = before is not None and not before["finished"] and before["digest"] == digest
         total = self.cost(stage) + cost if goes_on else cost
-        note = {"digest": digest, "finished": finished, **asdict(total), **machine()}
-        write_json(self._note(stage), {**note, "facts": dict(facts or {})})
+        note = {"digest": digest, "finished": finished, **asdict(total)}
+        note |= {"machine": processor_name(), "cores": cpu_cores(), "facts": dict(facts or {})}
+        write_json(self._note(stage), note)
 
     @contextmanager
     def metered(self, stage: str, digest: str) -> Iterator[dict[str, Any]]:
@@ -177,11 +178,6 @@ class Workspace:
             self.record(stage, digest, meter.cost, finished=False, facts=facts)
             raise
         self.record(stage, digest, meter.cost, finished=True, facts=facts)
-
-
-def machine() -> dict[str, Any]:
-    """Return what this machine is, for the record."""
-    return {"machine": processor_name(), "cores": cpu_cores()}
 
 
 def processor_name() -> str:

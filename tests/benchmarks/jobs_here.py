@@ -1,4 +1,4 @@
-"""The jobs of a benchmark, and its sets, in the test's own process."""
+"""The jobs of a benchmark, and its sets, in the test's own process; a watcher of its progress."""
 
 from __future__ import annotations
 
@@ -15,6 +15,32 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.progress import Summary
 from pliant.generator.runner.run import generate
 from tests.generator.runner import standin
+
+
+class Recorder:
+    """A watcher that remembers."""
+
+    def __init__(self) -> None:
+        self.begun: list[tuple[str, int, int]] = []
+        self.done: list[str] = []
+        self.steps: list[tuple[str, int, int]] = []
+        self.interrupt_at: str | None = None
+
+    def begin(self, stage: str, jobs: int, finished: int) -> None:
+        self.begun.append((stage, jobs, finished))
+
+    def started(self, job: str) -> None:
+        if job == self.interrupt_at:
+            raise KeyboardInterrupt
+
+    def progress(self, job: str, done: int, total: int) -> None:
+        self.steps.append((job, done, total))
+
+    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
+        assert wall_s > 0
+        assert cpu_s > 0
+        assert not error
+        self.done.append(job)
 
 
 class InProcess:

@@ -16,7 +16,7 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_scores
 from pliant.spec.errors import SpecError
 from pliant.spec.validation.validate import Report
-from tests.benchmarks.jobs_here import jobs_here
+from tests.benchmarks.jobs_here import Recorder, jobs_here
 
 TIERS = ("rope", "cloth-1")
 
@@ -45,18 +45,6 @@ tests:
 """
 
 
-class Silent:
-    """A watcher that ignores everything."""
-
-    def begin(self, stage: str, jobs: int, finished: int) -> None: ...
-
-    def started(self, job: str) -> None: ...
-
-    def progress(self, job: str, done: int, total: int) -> None: ...
-
-    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None: ...
-
-
 Made = tuple[BenchmarkConfig, Path, list[Row]]
 
 
@@ -66,7 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     (folder / "two.yaml").write_text(CONFIG)
     config = read_config(folder / "two.yaml")
     with jobs_here():
-        run_benchmark(config, folder / "out", workers=1, watcher=Silent())
+        run_benchmark(config, folder / "out", workers=1, watcher=Recorder())
     return config, folder / "out", finished_rows(config, Workspace(folder / "out"))
 
 
@@ -128,7 +116,7 @@ def test_a_set_that_violates_the_specification_stops_the_run(
 
     monkeypatch.setitem(run_benchmark.__globals__, "validate", damaged)
     with jobs_here(), pytest.raises(SpecError, match="violates the specification"):
-        run_benchmark(config, tmp_path / "out", workers=1, until="generate", watcher=Silent())
+        run_benchmark(config, tmp_path / "out", workers=1, until="generate", watcher=Recorder())
 
 
 def test_the_demo_is_a_config_of_the_package() -> None:

@@ -24,7 +24,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.parquet import read_footer
 from pliant.spec.io.reading import sha256_file
-from tests.benchmarks.jobs_here import generate_here, jobs_here
+from tests.benchmarks.jobs_here import Recorder, generate_here, jobs_here
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -103,32 +103,6 @@ comparisons:
   - {question: Is it chance, <<: *noisy, method: twice, metric: rmse_px}
   - {question: Or hurt, set: rope, method: more-contrastive, against: small, metric: rmse_px}
 """
-
-
-class Recorder:
-    """A watcher that remembers."""
-
-    def __init__(self) -> None:
-        self.begun: list[tuple[str, int, int]] = []
-        self.done: list[str] = []
-        self.steps: list[tuple[str, int, int]] = []
-        self.interrupt_at: str | None = None
-
-    def begin(self, stage: str, jobs: int, finished: int) -> None:
-        self.begun.append((stage, jobs, finished))
-
-    def started(self, job: str) -> None:
-        if job == self.interrupt_at:
-            raise KeyboardInterrupt
-
-    def progress(self, job: str, done: int, total: int) -> None:
-        self.steps.append((job, done, total))
-
-    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
-        assert wall_s > 0
-        assert cpu_s > 0
-        assert not error
-        self.done.append(job)
 
 
 @pytest.fixture(scope="module")
@@ -262,11 +236,8 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"tests": {"t": {**TEST, "shipped": ["fused:sift"]}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
         ({"sets": []}, "required: a mapping"),
-        ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
-        (
-            {"tests": {"t": {"title": "T", "tier": "rope", "variants": {}, "figures": ["rms"]}}},
-            "unknown name",
-        ),
+        ({"tests": {"t": {**TEST, "variants": {"a": "b"}}}}, "unknown name"),
+        ({"tests": {"t": {**TEST, "figures": ["rms"]}}}, "unknown name"),
     ],
 )
 def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -402,15 +373,14 @@ def test_controls_compete_with_what_is_not_learned(
 ) -> None:
     config = read_config(config_file)
     found = blocks(config, finished_rows(config, Workspace(made[0])))
-    assert [(each.test, each.track) for each in found] == [
+    assert [(each[0].test, each[0].entry.track) for each in found] == [
         ("rope", "none"), ("rope", "none"), ("rope-image", "none"),
         ("rope", "given"), ("rope", "given"), ("rope-seeds", "given"),
     ]  # fmt: skip
-    image = found[2]
-    row = best(image.rows, "standard", "rmse_px", learned=False)
+    row = best(found[2], "standard", "rmse_px", learned=False)
     assert row is not None
     assert row.method == "centroid"
-    learned = best(found[3].rows, "standard", "rmse_px", learned=True)
+    learned = best(found[3], "standard", "rmse_px", learned=True)
     assert learned is not None
     assert not learned.entry.is_blank
 
