@@ -25,14 +25,12 @@ def benchmark_module() -> Iterator[Any]:
 
 def drawn(path: Path, *, upright: bool = False, background: int = 0) -> Path:
     """A straight rope 10 px wide of 400 px, from a ball of radius 16."""
-    picture = Image.new("RGB", (500, 120) if not upright else (120, 500), (background,) * 3)
+    picture = Image.new("RGB", (500, 120), (background,) * 3)
     pen = ImageDraw.Draw(picture)
+    pen.rectangle([40, 55, 440, 64], fill=(160, 150, 140))
+    pen.ellipse([24, 44, 56, 76], fill=(160, 150, 140))
     if upright:
-        pen.rectangle([55, 40, 64, 440], fill=(160, 150, 140))
-        pen.ellipse([44, 24, 76, 56], fill=(160, 150, 140))
-    else:
-        pen.rectangle([40, 55, 440, 64], fill=(160, 150, 140))
-        pen.ellipse([24, 44, 56, 76], fill=(160, 150, 140))
+        picture = picture.transpose(Image.Transpose.TRANSPOSE)
     picture.save(path)
     return path
 
