@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy.typing as npt
 import pytest
 
 from pliant.baselines import Frame
+from pliant.cli.main import run
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -131,13 +133,34 @@ def write_cards(root: Path) -> None:
     write_queries(root, "cards", "test", queries, truth)
 
 
+Called = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def called(capsys: pytest.CaptureFixture[str]) -> Called:
+    """Call `pliant` in this process; return its exit code, its output and its messages."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
 @pytest.fixture(scope="session")
 def cards_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The dataset's folder; tests that damage it copy it first."""
+    """The dataset's folder; tests that damage it take `own_cards`."""
     root = tmp_path_factory.mktemp("cards") / "cards"
     root.mkdir()
     write_cards(root)
     return root
+
+
+@pytest.fixture
+def own_cards(cards_root: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset's folder."""
+    return Path(shutil.copytree(cards_root, tmp_path / "cards"))
 
 
 @pytest.fixture(scope="session")

@@ -10,32 +10,21 @@ from PIL import Image
 
 from pliant.baselines import METHODS
 from pliant.baselines.controls import Identity
-from pliant.cli.main import run
 from pliant.spec.io.parquet import read_footer, read_table
+from tests.baselines.conftest import Called
 
 
-def outcome(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def test_predict_says_what_it_wrote(
-    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_predict_says_what_it_wrote(cards_root: Path, tmp_path: Path, called: Called) -> None:
     out = tmp_path / "surf.parquet"
-    code, said, _ = outcome(capsys, "predict", "surf", "--data", cards_root, "--out", out)
+    code, said, _ = called("predict", "surf", "--data", cards_root, "--out", out)
     assert code == 0
     assert "60 answers for 3 pairs of cards/test by surf (mahotas " in said
     assert len(read_table(out, "answers")) == 60
 
 
-def test_predict_reports_as_json(
-    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_predict_reports_as_json(cards_root: Path, tmp_path: Path, called: Called) -> None:
     out = tmp_path / "orb.parquet"
-    code, said, _ = outcome(
-        capsys,
+    code, said, _ = called(
         *("predict", "orb", "--data", cards_root, "--out", out),
         *("--kind", "matches", "--json"),
     )
@@ -48,7 +37,7 @@ def test_predict_reports_as_json(
 def test_run_folder_is_a_method(
     cards_root: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    called: Called,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Path] = []
@@ -59,7 +48,7 @@ def test_run_folder_is_a_method(
 
     monkeypatch.setattr("pliant.models.load_matcher", load_matcher)
     out = tmp_path / "run.parquet"
-    code, _, _ = outcome(capsys, "predict", tmp_path, "--data", cards_root, "--out", out)
+    code, _, _ = called("predict", tmp_path, "--data", cards_root, "--out", out)
     assert (code, asked) == (0, [tmp_path])
 
 
@@ -68,7 +57,7 @@ def test_run_folder_is_a_method(
     [
         ({"METHOD": "siftt"}, "no method 'siftt'; required: one of sift, surf, orb, lk-chain"),
         ({"METHOD": "siftt"}, "Did you mean sift?"),
-        ({"--split": "train"}, "no queries for split 'train'"),
+        ({"--split": "train"}, "no queries for split 'train'; required: test"),
         ({"--kind": "matches"}, "no keypoint matches of its own"),
     ],
 )
@@ -77,28 +66,24 @@ def test_bad_predict_calls(
     message: str,
     cards_root: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    called: Called,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     call = {"METHOD": "centroid", "--data": str(cards_root), "--out": "out.parquet", **change}
     method = call.pop("METHOD")
     options = [part for pair in call.items() for part in pair]
-    found, said, complaint = outcome(capsys, "predict", method, *options)
+    found, said, complaint = called("predict", method, *options)
     assert (found, said) == (2, "")
     assert message in complaint
     assert list(tmp_path.iterdir()) == []
 
 
-def test_match_draws_and_reports(
-    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_match_draws_and_reports(cards_root: Path, tmp_path: Path, called: Called) -> None:
     frames = cards_root / "sequences/card/card-test-000000/rgb"
     out = tmp_path / "figure.png"
     arguments = ["--source", frames / "000000.png", "--target", frames / "000001.png"]
-    code, said, _ = outcome(
-        capsys, "match", "sift", *arguments, "--at", "120,100", "--out", out, "--json"
-    )
+    code, said, _ = called("match", "sift", *arguments, "--at", "120,100", "--out", out, "--json")
     document = json.loads(said)
     assert code == 0
     assert document["match_px"] == pytest.approx([122.3, 97.6], abs=2)  # the card's middle
@@ -122,11 +107,10 @@ def test_bad_match_calls(
     message: str,
     cards_root: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    called: Called,
 ) -> None:
     picture = cards_root / "sequences/card/card-test-000000/rgb/000000.png"
-    code, said, complaint = outcome(
-        capsys,
+    code, said, complaint = called(
         *("match", method, "--source", picture, "--target", picture),
         *("--at", at, "--out", tmp_path / "figure.png"),
     )
@@ -135,8 +119,8 @@ def test_bad_match_calls(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_method_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    _, said, _ = outcome(capsys, "methods")
+def test_every_method_is_listed(called: Called) -> None:
+    _, said, _ = called("methods")
     assert {*METHODS} <= {line.split()[0] for line in said.splitlines()}
-    _, said, _ = outcome(capsys, "match", "--help")
+    _, said, _ = called("match", "--help")
     assert "pliant methods" in said

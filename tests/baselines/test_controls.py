@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
+import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines import METHODS, Frame, SplitMatcher
+from pliant.baselines import METHODS, Frame, Matcher, SplitMatcher
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.predict import predict
@@ -30,14 +31,16 @@ def view(*pixels: tuple[int, int], key: str = "") -> Frame:
     return Frame(np.zeros((40, 50, 3), dtype=np.uint8), mask, key=key)
 
 
-def test_identity_stays() -> None:
-    np.testing.assert_array_equal(Identity().answer(Pair(view(), view(), QUERIES)).uv_px, QUERIES)
-
-
-def test_centroid_is_the_middle_even_beside_the_object() -> None:
-    target = view((0, 0), (0, 4), (3, 2))
-    answers = MaskCentroid().answer(Pair(view(), target, QUERIES))
-    assert answers.uv_px.tolist() == [[2.5, 1.5]] * 3
+@pytest.mark.parametrize(
+    ("control", "pixels", "expected"),
+    [
+        (Identity(), [], QUERIES.tolist()),
+        (MaskCentroid(), [(0, 0), (0, 4), (3, 2)], [[2.5, 1.5]] * 3),  # beside the object
+        (RandomInMask(), [], [[25, 20]] * 3),  # without an object the image's centre
+    ],
+)
+def test_what_a_control_answers(control: Matcher, pixels: list[Any], expected: Any) -> None:
+    assert control.answer(Pair(view(), view(*pixels), QUERIES)).uv_px.tolist() == expected
 
 
 def test_random_stays_on_the_object_and_spreads_over_it() -> None:
@@ -62,10 +65,6 @@ def test_random_depends_on_seed_frames_and_query_alone() -> None:
         assert (other != answers).all()
 
 
-def test_random_without_an_object_is_the_image_centre() -> None:
-    assert RandomInMask().answer(Pair(view(), view(), QUERIES)).uv_px.tolist() == [[25, 20]] * 3
-
-
 def test_oracle_writes_the_truth(cards: Dataset, tmp_path: Path) -> None:
     oracle = METHODS["oracle"]()
     assert isinstance(oracle, SplitMatcher)
@@ -78,22 +77,26 @@ def test_oracle_writes_the_truth(cards: Dataset, tmp_path: Path) -> None:
     assert (done.pairs, done.rows) == (3, 60)
 
 
-def test_oracle_needs_the_truth(cards_root: Path, tmp_path: Path) -> None:
-    root = tmp_path / "public"
-    shutil.copytree(cards_root, root)
-    layout.truth_path(root, "test").unlink()
-    with pytest.raises(CallError, match="leaves out"):
-        predict(Dataset.open(root), "test", Oracle(), tmp_path / "oracle.parquet")
-
-
-def test_oracle_refuses_the_truth_of_other_queries(cards_root: Path, tmp_path: Path) -> None:
-    root = tmp_path / "cards"
-    shutil.copytree(cards_root, root)
-    path = layout.truth_path(root, "test")
+def test_oracle_needs_the_truth_of_these_queries(own_cards: Path, tmp_path: Path) -> None:
+    path, out = layout.truth_path(own_cards, "test"), tmp_path / "oracle.parquet"
     table = pq.read_table(path)
     pq.write_table(table.take(pa.array(range(59, -1, -1))), path)
     with pytest.raises(SpecError, match="row by row"):
-        predict(Dataset.open(root), "test", Oracle(), tmp_path / "oracle.parquet")
+        predict(Dataset.open(own_cards), "test", Oracle(), out)
+    path.unlink()
+    with pytest.raises(CallError, match="leaves out"):
+        predict(Dataset.open(own_cards), "test", Oracle(), out)
+
+
+@pytest.mark.parametrize("name", sorted(set(METHODS) - {"oracle"}))
+def test_every_method_answers_no_queries_and_travels_to_another_process(
+    name: str, cards: Dataset
+) -> None:
+    matcher = METHODS[name]()
+    sent = pickle.loads(pickle.dumps(matcher))
+    assert sent.describe() == matcher.describe()
+    view = cards.sequences[0][0]
+    assert sent.answer(Pair(view, view, np.zeros((0, 2), np.float32))).uv_px.shape == (0, 2)
 
 
 @pytest.mark.usefixtures("quick_tracing")

@@ -20,6 +20,13 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "submit_without_pliant.py"
 
 
+def code_with(text: str) -> str:
+    """The block of code of the page about methods that contains a text."""
+    page = (DOCS / "add-a-method.md").read_text()
+    blocks: list[str] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    return next(block for block in blocks if text in block)
+
+
 def test_submission_without_pliant_is_the_same_submission(cards: Dataset, tmp_path: Path) -> None:
     theirs, ours = tmp_path / "theirs.parquet", tmp_path / "ours.parquet"
     subprocess.run([sys.executable, EXAMPLE, cards.root, "test", theirs], check=True)
@@ -44,11 +51,9 @@ def test_documented_matcher_answers_a_split(
     cards: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The page's own code, run as it stands, with its dataset replaced by ours."""
-    page = (DOCS / "add-a-method.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    code = next(block for block in blocks if "class BrightestNeighbour" in block)
     monkeypatch.chdir(tmp_path)
     Path("DATA").symlink_to(cards.root)
+    code = code_with("class BrightestNeighbour")
     exec(compile(code, "add-a-method.md", "exec"), {"__name__": "page"})
     assert read_footer("mine.parquet")["method"] == {
         "name": "brightest-neighbour",
@@ -61,12 +66,9 @@ def test_documented_matcher_answers_a_split(
 def test_documented_template_is_filled_as_the_page_fills_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = (DOCS / "add-a-method.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    code = next(block for block in blocks if "set_column" in block)
     monkeypatch.chdir(tmp_path)
     data = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
     Path("DATA").symlink_to(data)
     write_template(Dataset.open("DATA"), "test", "mine.parquet", name="mine")
-    exec(compile(code, "add-a-method.md", "exec"), {"__name__": "page"})
+    exec(compile(code_with("set_column"), "add-a-method.md", "exec"), {"__name__": "page"})
     assert check("mine.parquet", "DATA") == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -76,9 +75,3 @@ def test_small_blank_and_unequal_images_are_answered(name: str) -> None:
         Pair(Frame(noise), twice, np.array([[40.5, 30.5]], dtype=np.float32))
     )
     np.testing.assert_allclose(found.uv_px, [[81, 61]], atol=0.3)
-    none = chain(name).answer(Pair(Frame(noise), Frame(noise), np.zeros((0, 2), dtype=np.float32)))
-    assert none.uv_px.shape == (0, 2)
-
-
-def test_chains_travel_to_another_process() -> None:
-    assert pickle.loads(pickle.dumps(chain("lk-chain"))).describe() == chain("lk-chain").describe()

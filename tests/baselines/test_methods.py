@@ -100,13 +100,6 @@ def test_blank_and_tiny_images_are_answered(
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_no_queries_no_answers(name: str, pose: Any, view_of: ViewOf) -> None:
-    view = view_of(pose())
-    answers = method(name).answer(Pair(view, view, np.zeros((0, 2), dtype=np.float32)))
-    assert answers.uv_px.shape == (0, 2)
-
-
-@pytest.mark.parametrize("name", CLASSICAL)
 def test_object_of_one_pixel_is_the_answer(name: str, pose: Any, view_of: ViewOf) -> None:
     view = view_of(pose())
     speck = np.zeros(view.rgb.shape[:2], dtype=np.bool_)

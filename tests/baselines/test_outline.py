@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -91,11 +90,6 @@ def test_masks_without_four_corners_are_answered_by_the_middle() -> None:
     for mask, middle in ((None, [25, 20]), (speck & False, [25, 20]), (speck, [8, 3.5])):
         answers = ClothOutline().answer(Pair(full, Frame(rgb, mask=mask), query))
         assert answers.uv_px.tolist() == [middle]
-    assert ClothOutline().answer(Pair(full, full, query[:0])).uv_px.shape == (0, 2)
-
-
-def test_outlines_travel_to_another_process() -> None:
-    assert pickle.loads(pickle.dumps(ClothOutline())).name == "cloth-tps"
 
 
 @pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])

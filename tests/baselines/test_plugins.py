@@ -17,14 +17,13 @@ import pytest
 import pliant
 from pliant.baselines import Answers, Frame, KeypointMatcher, Matches
 from pliant.baselines.adapters import as_matcher
-from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
 from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer, read_table
+from tests.baselines.conftest import Called
 
 ROOT = Path(__file__).resolve().parents[2]
-Outcome = tuple[int, str, str]
 
 METHODS_FILE = '''
 import numpy as np
@@ -77,12 +76,6 @@ def methods_file(tmp_path: Path) -> Path:
     return path
 
 
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
-    code = run([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
 def moved(dataset: Dataset, method: Any) -> np.ndarray:
     answers = pliant.predict(dataset, method).answers.uv_px
     asked = np.concatenate([pair.queries for pair in dataset.pairs("test")])
@@ -90,11 +83,10 @@ def moved(dataset: Dataset, method: Any) -> np.ndarray:
 
 
 def test_class_of_a_file_with_options(
-    methods_file: Path, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    methods_file: Path, cards: Dataset, tmp_path: Path, called: Called
 ) -> None:
     out = tmp_path / "shift.parquet"
-    code, said, complaint = call(
-        capsys,
+    code, said, complaint = called(
         *("predict", f"{methods_file}:Shift", "--data", cards.root, "--out", out),
         *("--set", "du=3", "--set", "dv=-1.5"),
     )
@@ -138,12 +130,12 @@ def test_module_in_the_working_folder(
 
 
 def test_only_matches_are_also_written_as_matches(
-    methods_file: Path, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    methods_file: Path, cards: Dataset, tmp_path: Path, called: Called
 ) -> None:
     out = tmp_path / "matches.parquet"
     method = f"{methods_file}:OnlyMatches"
     arguments = ("predict", method, "--data", cards.root, "--out", out, "--kind", "matches")
-    assert call(capsys, *arguments)[0] == 0
+    assert called(*arguments)[0] == 0
     table = read_table(out, "matches")
     assert len(table) == 9
     assert read_footer(out)["method"]["interpolation"] == "affine, 8 nearest matches"
@@ -263,16 +255,14 @@ def test_an_answer_may_be_positions_alone(cards: Dataset) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "  ", "\u200b", "sift\u200b", "\u3164", "a\x00b", "a\nb", 7])
-def test_a_name_that_cannot_be_read_is_refused(
-    name: Any, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_name_that_cannot_be_read_is_refused(name: Any, cards: Dataset) -> None:
     method = Positions(lambda uv_px: uv_px)
     method.name = name
     with pytest.raises(CallError, match="the method's name cannot be shown"):
         pliant.predict(cards, method)
 
 
-def test_no_method_is_called_nothing(cards: Dataset) -> None:
+def test_no_method_is_called_nothing() -> None:
     for name in ("", " "):
         with pytest.raises(CallError, match=f"there is no method '{name}'"):
             pliant.open_method(name)
@@ -296,21 +286,19 @@ def test_completed_object_keeps_what_it_has_and_can_be_sent() -> None:
     assert completed.name == "sent"
 
 
-def test_missing_extra_is_listed(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_extra_is_listed(called: Called, monkeypatch: pytest.MonkeyPatch) -> None:
     def make() -> None:
         """Return the method of another library."""
         raise MissingExtraError("the method", "classical")
 
     monkeypatch.setitem(pliant.baselines.METHODS, "needy", make)
-    code, said, _ = call(capsys, "methods", "--json")
+    code, said, _ = called("methods", "--json")
     rows = {row["name"]: row for row in json.loads(said)["methods"]}
     assert code == 0
     assert rows["needy"]["missing"] == "pip install 'pliant[classical]'"
     assert rows["identity"]["missing"] is None
     assert rows["don-rope"]["origin"] == "shipped model"
-    shown = " ".join(call(capsys, "methods")[1].split())
+    shown = " ".join(called("methods")[1].split())
     assert "needy Method of another library. Missing here; install it with: pip install" in shown
 
 

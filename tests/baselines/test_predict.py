@@ -39,7 +39,8 @@ class Fixed:
         return Answers(**{"uv_px": pair.uv_a_px + 1, **fields})
 
 
-def test_file_holds_an_answer_for_every_query_in_order(cards: Dataset, tmp_path: Path) -> None:
+def test_the_file_and_what_ties_it_to_its_queries(cards: Dataset, tmp_path: Path) -> None:
+    """An answer for every query, in order; the footer names the dataset and the queries."""
     out = tmp_path / "fixed.parquet"
     done = predict(cards, "test", Fixed(), out)
     answers, queries = read_table(out, "answers"), cards.queries("test")
@@ -48,11 +49,6 @@ def test_file_holds_an_answer_for_every_query_in_order(cards: Dataset, tmp_path:
     np.testing.assert_array_equal(answers.column("u"), queries.column("u_a").to_numpy() + 1)
     np.testing.assert_array_equal(answers.column("v"), queries.column("v_a").to_numpy() + 1)
     assert (done.pairs, done.rows, done.kind) == (3, 60, "answers")
-
-
-def test_footer_ties_the_file_to_its_queries(cards: Dataset, tmp_path: Path) -> None:
-    out = tmp_path / "fixed.parquet"
-    predict(cards, "test", Fixed(), out)
     assert read_footer(out) == {
         "spec_version": "1.0.0",
         "table": "answers",
@@ -118,16 +114,14 @@ def test_masks_can_be_withheld(cards: Dataset, tmp_path: Path, workers: int) -> 
     assert set(read_table(out, "answers").column("u").to_pylist()) == {120.0}  # the image's middle
 
 
-def test_frames_without_surface_are_searched_whole(cards_root: Path, tmp_path: Path) -> None:
-    root = tmp_path / "public"
-    shutil.copytree(cards_root, root)
-    frame = layout.sequence_dir(root, "card", "card-test-000000") / layout.depth_name(1)
+def test_frames_without_surface_are_searched_whole(own_cards: Path, tmp_path: Path) -> None:
+    frame = layout.sequence_dir(own_cards, "card", "card-test-000000") / layout.depth_name(1)
     frame.unlink()
     out = tmp_path / "random.parquet"
-    partly = predict(Dataset.open(root), "test", METHODS["random"](), out)
+    partly = predict(Dataset.open(own_cards), "test", METHODS["random"](), out)
     assert partly.method["mask"] == "partly given"
     shutil.rmtree(frame.parent)
-    none = predict(Dataset.open(root), "test", METHODS["centroid"](), out)
+    none = predict(Dataset.open(own_cards), "test", METHODS["centroid"](), out)
     assert none.method["mask"] == "none"
     answers = read_table(out, "answers")
     assert set(answers.column("u").to_pylist()) == {120.0}
@@ -181,15 +175,8 @@ def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
 def test_bad_calls_are_refused_before_any_work(cards: Dataset, tmp_path: Path) -> None:
     with pytest.raises(CallError, match="output folder does not exist"):
         predict(cards, "test", Fixed(), tmp_path / "missing" / "out.parquet")
-    with pytest.raises(CallError, match=r"no queries for split 'val'.*required: test"):
-        predict(cards, "val", Fixed(), tmp_path / "out.parquet")
-    with pytest.raises(CallError, match="no keypoint matches"):
-        predict(cards, "test", METHODS["identity"](), tmp_path / "out.parquet", "matches")
     with pytest.raises(CallError, match="workers"):
         predict(cards, "test", Fixed(), tmp_path / "out.parquet", workers=0)
-    unpicklable = Fixed(visible=lambda n: np.zeros(n, np.float32))
-    with pytest.raises(CallError, match="cannot be sent to worker processes"):
-        predict(cards, "test", unpicklable, tmp_path / "out.parquet", workers=2)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -210,14 +197,12 @@ def test_one_process_shares_nothing_and_needs_no_pickle(cards: Dataset, tmp_path
         predict(cards, "test", matcher, tmp_path / "out.parquet", workers=2)
 
 
-def test_broken_image_stops_and_leaves_the_old_file(cards_root: Path, tmp_path: Path) -> None:
-    root = tmp_path / "cards"
-    shutil.copytree(cards_root, root)
-    dataset = Dataset.open(root)
+def test_broken_image_stops_and_leaves_the_old_file(own_cards: Path, tmp_path: Path) -> None:
+    dataset = Dataset.open(own_cards)
     out = tmp_path / "out.parquet"
     write_template(dataset, "test", out)
     before = out.read_bytes()
-    image = layout.sequence_dir(root, "card", "card-test-000000") / layout.rgb_name(2)
+    image = layout.sequence_dir(own_cards, "card", "card-test-000000") / layout.rgb_name(2)
     image.write_bytes(image.read_bytes()[:200])
     with pytest.raises(SpecError, match=r"000002\.png"):
         predict(dataset, "test", Fixed(), out)
@@ -244,11 +229,9 @@ def test_keys_may_be_a_part_of_the_queries(cards: Dataset, tmp_path: Path) -> No
     ],
 )
 def test_queries_that_contradict_themselves_are_refused(
-    column: str, row: int, value: Any, message: str, cards_root: Path, tmp_path: Path
+    column: str, row: int, value: Any, message: str, own_cards: Path, tmp_path: Path
 ) -> None:
-    root = tmp_path / "cards"
-    shutil.copytree(cards_root, root)
-    path = layout.queries_path(root, "test")
+    path = layout.queries_path(own_cards, "test")
     table = pq.read_table(path)
     values = table.column(column).to_pylist()
     values[row] = value
@@ -256,4 +239,4 @@ def test_queries_that_contradict_themselves_are_refused(
     field = table.schema.field(column)
     pq.write_table(table.set_column(index, field, pa.array(values, field.type)), path)
     with pytest.raises(SpecError, match=message):
-        predict(Dataset.open(root), "test", Fixed(), tmp_path / "out.parquet")
+        predict(Dataset.open(own_cards), "test", Fixed(), tmp_path / "out.parquet")

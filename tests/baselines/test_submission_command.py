@@ -1,4 +1,4 @@
-"""`pliant submission`: tables of answers become submissions; wrong ones name row and column."""
+"""`pliant submission`: templates, and submissions made of tables; wrong ones name every row."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import check, evaluate
+from pliant.evaluator import check, evaluate, inspect
 from pliant.spec.io.parquet import read_footer
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
@@ -63,6 +63,10 @@ FORMATS: dict[str, tuple[str, Callable[[Rows], bytes]]] = {
 def made(path: Path, *options: str) -> int:
     out = path.parent / "out.parquet"
     return run(["submission", str(path), "--data", str(DATA), "--out", str(out), *options])
+
+
+def template(out: Path, *options: str) -> int:
+    return run(["submission", "--data", str(DATA), "--out", str(out), *options])
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -176,3 +180,33 @@ def test_a_file_that_is_no_submission_is_kept(rows: Rows, tmp_path: Path) -> Non
     (tmp_path / "out.parquet").write_text("precious")
     assert made(tmp_path / "mine.csv") == 2
     assert (tmp_path / "out.parquet").read_text() == "precious"
+
+
+def test_unfilled_template_names_every_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "mine.parquet"
+    assert template(out) == 0
+    queries = pq.read_table(DATA / "queries" / "test.parquet")
+    said = capsys.readouterr().out
+    assert f"{len(queries):,} answers of" in said
+    assert f"pliant check {out} --data {DATA}" in said
+    problems = inspect(out, DATA)
+    assert problems.counts == {"VALUE_NOT_FINITE": 2 * len(queries)}  # u and v of every row
+    first = problems.issues()[0]
+    assert "row 0 (pair 0, query 0)" in first.where
+    assert "nan" in first.message
+    assert "finite position" in first.message
+    assert run(["check", str(out), "--data", str(DATA)]) == 1
+
+
+def test_template_of_matches_has_a_row_a_pair(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "matches.parquet"
+    assert template(out, "--kind", "matches", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    pairs = np.unique(pq.read_table(DATA / "queries" / "test.parquet")["pair_id"])
+    assert document["rows"] == len(pairs) == len(pq.read_table(out))
+    assert read_footer(out)["table"] == "matches"
+    assert {issue.code for issue in check(out, DATA)} == {"VALUE_NOT_FINITE"}

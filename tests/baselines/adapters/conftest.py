@@ -12,6 +12,7 @@ import pytest
 
 from pliant.baselines import Frame
 from pliant.spec.arrays import FloatArray
+from pliant.spec.frame import Pair
 
 Place = Callable[[FloatArray], FloatArray]
 
@@ -25,6 +26,10 @@ class Motion:
     queries: npt.NDArray[np.float32]
     before: Any
     after: Any
+
+    @property
+    def pair(self) -> Pair:
+        return Pair(self.source, self.target, self.queries)
 
     def move(self, uv_px: npt.NDArray[Any]) -> FloatArray:
         moved: FloatArray = self.after.place(self.before.locate(uv_px))
@@ -47,3 +52,14 @@ def centres(height: int, width: int) -> FloatArray:
     u = (np.arange(width) + 0.5) * (240 / width)
     v = (np.arange(height) + 0.5) * (200 / height)
     return np.stack(np.meshgrid(u, v), axis=-1)
+
+
+def counted(
+    uv_px: npt.NDArray[Any], coordinates: str, size: tuple[int, int] | None
+) -> npt.NDArray[Any]:
+    """Pixels of the card's image as a function counts them that receives it in another size."""
+    width, height = size or (240, 200)
+    at = uv_px * [width / 240, height / 200]
+    if coordinates == "index":
+        return at - 0.5
+    return 2 * at / [width, height] - 1 if coordinates == "normalised" else at

@@ -11,7 +11,7 @@ from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_flow, from_warp
 from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Motion, centres
+from tests.baselines.adapters.conftest import Motion, centres, counted
 
 
 @pytest.mark.parametrize("size", [None, (120, 50)])
@@ -27,7 +27,7 @@ def test_flow(size: Any, cells: tuple[int, int], channels_first: bool, motion: M
         return found.transpose(2, 0, 1)[None] if channels_first else found
 
     method = from_flow(flow, images=Images(size=size))
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 1e-4  # an affine motion is bilinear
     assert found.visible is None
 
@@ -35,18 +35,12 @@ def test_flow(size: Any, cells: tuple[int, int], channels_first: bool, motion: M
 @pytest.mark.parametrize("coordinates", ["pixel", "index", "normalised"])
 @pytest.mark.parametrize("size", [None, (120, 50)])
 def test_warp(coordinates: Any, size: Any, motion: Motion) -> None:
-    width, height = size or (240, 200)
-
     def warp(source: Any, target: Any) -> Any:
-        to = motion.move(centres(40, 60)) * [width / 240, height / 200]
-        if coordinates == "index":
-            to = to - 0.5
-        if coordinates == "normalised":
-            to = 2 * to / [width, height] - 1
+        to = counted(motion.move(centres(40, 60)), coordinates, size)
         return to, centres(40, 60)[..., 0] / 240  # certainty grows from left to right
 
     method = from_warp(warp, images=Images(size=size, coordinates=coordinates))
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 1e-4
     assert found.visible is not None
     np.testing.assert_allclose(found.visible, motion.queries[:, 0] / 240, atol=1e-6)
@@ -76,11 +70,11 @@ def test_torch_flow_on_a_device_with_a_multiple(motion: Motion) -> None:
         return torch.from_numpy(found).permute(2, 0, 1)[None].requires_grad_()
 
     method = from_flow(flow, images=Images(multiple=64, device="cpu"))
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 1e-3
 
 
 def test_wrong_shape_is_one_sentence(motion: Motion) -> None:
     method = from_flow(lambda source, target: np.zeros((200, 240, 3)), name="mine")
     with pytest.raises(SubmissionError, match=r"'mine' returned no map; found shape \(200, 240, 3"):
-        method.answer(Pair(motion.source, motion.target, motion.queries))
+        method.answer(motion.pair)

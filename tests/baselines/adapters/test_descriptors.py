@@ -35,7 +35,7 @@ def test_any_stride_is_refined_below_a_pixel(
 ) -> None:
     cells = centres(200 // stride, 240 // stride)
     method = from_descriptors(describing(motion, cells), images=Images(size=size))
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert np.median(motion.error(found.uv_px)) < most_px
     assert motion.error(found.uv_px).max() < 4 * most_px
 
@@ -47,7 +47,7 @@ def test_cells_that_do_not_cover_the_image(size: Any, motion: Motion) -> None:
     at = np.stack(np.meshgrid(np.arange(0.5, 237, 4), np.arange(0.5, 197, 4)), axis=-1)
     grid = (4.0 * factor, 0.5 * factor)
     method = from_descriptors(describing(motion, at), images=Images(size=size), grid=grid)
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 0.2
 
 
@@ -60,7 +60,7 @@ def test_tensors_have_channels_first(motion: Motion) -> None:
         return torch.from_numpy(describe(image)).permute(2, 0, 1)[None]
 
     method = from_descriptors(tensors, images=Images(device="cpu"))
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 0.2
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,8 @@ from pliant.baselines.adapters import Images, from_sparse
 from pliant.baselines.adapters.sparse import as_matches
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
+from tests.baselines.adapters.conftest import Motion, counted
 
-ViewOf = Callable[[Any], Frame]
 Floats = np.ndarray
 
 
@@ -31,42 +30,25 @@ def keypoints() -> Floats:
 @pytest.mark.parametrize("size", [None, (100, 150)])
 def test_matches_of_a_turned_card(
     neighbours: int, way: str, most_px: float, coordinates: Any, size: Any,
-    pose: Any, view_of: ViewOf, card_queries: Floats, keypoints: Floats,
+    motion: Motion, keypoints: Floats,
 ) -> None:  # fmt: skip
-    before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
-    width, height = size or (240, 200)
-
     def match(source: Any, target: Any) -> tuple[Floats, Floats]:
-        assert source.shape == target.shape == (height, width, 3)
-        found = []
-        for place in (before, after):
-            at = place.place(keypoints) * [width / 240, height / 200]
-            if coordinates == "index":
-                at = at - 0.5
-            if coordinates == "normalised":
-                at = 2 * at / [width, height] - 1
-            found.append(at)
-        return found[0], found[1]
+        assert source.shape == target.shape == (*(size or (240, 200))[::-1], 3)
+        at = motion.before.place(keypoints)
+        return counted(at, coordinates, size), counted(motion.move(at), coordinates, size)
 
     images = Images(size=size, coordinates=coordinates)
     method = from_sparse(match, neighbours=neighbours, images=images)
-    queries = before.place(card_queries).astype(np.float32)
-    found = method.answer(Pair(view_of(before), view_of(after), queries)).uv_px
-    error = np.linalg.norm(found - after.place(card_queries), axis=1)
-    assert error.max() < most_px
+    assert motion.error(method.answer(motion.pair).uv_px).max() < most_px
     assert way in str(method.describe()["interpolation"])
 
 
-def test_affine_is_robust_to_wrong_matches(
-    pose: Any, view_of: ViewOf, card_queries: Floats, keypoints: Floats
-) -> None:
-    before, after = pose(), pose(angle_deg=25)
-    at, to = before.place(keypoints), after.place(keypoints)
+def test_affine_is_robust_to_wrong_matches(motion: Motion, keypoints: Floats) -> None:
+    at = motion.before.place(keypoints)
+    to = motion.move(at)
     to[::10] += 60
-
     method = from_sparse(lambda source, target: (at, to), neighbours=12)
-    found = method.answer(Pair(view_of(before), view_of(after), before.place(card_queries))).uv_px
-    assert np.median(np.linalg.norm(found - after.place(card_queries), axis=1)) < 0.5
+    assert np.median(motion.error(method.answer(motion.pair).uv_px)) < 0.5
 
 
 @pytest.mark.parametrize("neighbours", [1, 8])

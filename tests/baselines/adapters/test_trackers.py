@@ -28,7 +28,7 @@ def test_rendered_pair_as_a_clip(coordinates: Any, size: Any, motion: Motion) ->
         return tracks[None], np.stack([np.ones(len(points)), full[:, 0] / 240])[None, ..., None]
 
     method = from_tracker(track, images=images)
-    found = method.answer(Pair(motion.source, motion.target, motion.queries))
+    found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 1e-3
     assert found.visible is not None
     np.testing.assert_allclose(found.visible, motion.queries[:, 0] / 240, atol=1e-6)
@@ -107,6 +107,6 @@ def test_wrong_shapes_and_settings_are_one_sentence(motion: Motion) -> None:
         (lambda frames, points: (walk(frames, points), [1.0]), r"no visibility.*\(2, 60\)"),
     ):
         with pytest.raises(SubmissionError, match=message):
-            from_tracker(function).answer(Pair(motion.source, motion.target, motion.queries))
+            from_tracker(function).answer(motion.pair)
     with pytest.raises(CallError, match="this window is too small; found 1"):
         from_tracker(walk, window=1)

@@ -33,15 +33,12 @@ def test_a_path_stays_where_the_mask_goes_on_for_long() -> None:
     assert np.array_equal(to_the_edge(path, _rope(70, 250), HALF_PX), path)
 
 
-@pytest.mark.parametrize("first", [52.0, 60.0, 72.0])
-def test_a_path_begins_where_the_rope_leaves_its_ball(first: float) -> None:
+@pytest.mark.parametrize(
+    ("first", "begins"), [*((u, 50 + 0.81 * 15) for u in (52.0, 60.0, 72.0)), (120.0, 120.0)]
+)
+def test_a_path_near_the_ball_begins_where_the_rope_leaves_it(first: float, begins: float) -> None:
     path = from_end_to_end(_line(first, 245), _rope(64, 250), HALF_PX, BALL)
-    assert path[0] == pytest.approx([50 + 0.81 * 15, 60], abs=1e-9)
-
-
-def test_a_path_that_begins_far_from_the_ball_stays() -> None:
-    path = from_end_to_end(_line(120, 245), _rope(64, 250), HALF_PX, BALL)
-    assert path[0] == pytest.approx([120, 60])
+    assert path[0] == pytest.approx([begins, 60], abs=1e-9)
 
 
 def test_a_rope_without_a_ball_reaches_both_ends() -> None:
