@@ -48,12 +48,12 @@ def attempts(session: Session, team_id: int, phase: Phase, time_ms: int) -> Atte
 
 def charge(session: Session, submission: Submission) -> None:
     """Charge a submission's team one attempt."""
-    _add(session, submission, CHARGE, -1, utc_day(submission.created_ms), submission.created_ms)
+    _add(session, submission, CHARGE, -1, submission.created_ms)
 
 
 def refund(session: Session, submission: Submission, time_ms: int) -> None:
     """Give the attempt of a submission back, for the day on which it was charged."""
-    _add(session, submission, REFUND, 1, utc_day(submission.created_ms), time_ms)
+    _add(session, submission, REFUND, 1, time_ms)
 
 
 def credit(
@@ -89,9 +89,7 @@ def utc_day(time_ms: int) -> str:
     return datetime.fromtimestamp(time_ms / 1000, UTC).date().isoformat()
 
 
-def _add(
-    session: Session, submission: Submission, kind: str, amount: int, day: str, time_ms: int
-) -> None:
+def _add(session: Session, submission: Submission, kind: str, amount: int, time_ms: int) -> None:
     session.add(
         LedgerEntry(
             team_id=submission.team_id,
@@ -99,7 +97,7 @@ def _add(
             submission_id=submission.id,
             kind=kind,
             amount=amount,
-            day=day,
+            day=utc_day(submission.created_ms),
             created_ms=time_ms,
         )
     )

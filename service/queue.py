@@ -77,13 +77,12 @@ def renew(database: Database, lease: Lease, limits: Scoring) -> bool:
         return job is not None
 
 
-def give_back(database: Database, lease: Lease, *, counted: bool, error: str | None = None) -> None:
-    """Let another worker take a job.
+def give_back(database: Database, lease: Lease, error: str) -> None:
+    """Let another worker take a job; this try counts.
 
     Args:
         database: The database.
         lease: The job's lease.
-        counted: Whether this try counts; one that ended because the worker stops does not.
         error: What happened, for the host.
     """
     with database.write(take_turns=False) as session:
@@ -91,7 +90,6 @@ def give_back(database: Database, lease: Lease, *, counted: bool, error: str | N
         if job is None:
             return
         job.state, job.lease, job.lease_until_ms, job.error = "queued", None, None, error
-        job.tries -= 0 if counted else 1
         submission = session.get_one(Submission, job.submission_id)
         if submission.state == State.RUNNING:
             submission.state = State.QUEUED

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pliant.evaluator import evaluate, inspect
 from pliant.evaluator.hidden_truth import public_scores
@@ -141,11 +141,8 @@ def _other_split(task: Task, found: str) -> Issue:
 def _refused(task: Task, issues: Sequence[Issue]) -> Result:
     """Return the issues without any path of this machine."""
     here = str(task.file)
-    shown: list[dict[str, Any]] = []
-    counts: dict[str, int] = {}
-    for issue in issues:
-        counts[issue.code] = counts.get(issue.code, 0) + 1
-        if len(shown) < _MOST_ISSUES:
-            values = issue.as_dict().items()
-            shown.append({key: value.replace(here, task.name) for key, value in values})
-    return Result(issues=tuple(shown), counts=counts)
+    shown = tuple(
+        {key: value.replace(here, task.name) for key, value in issue.as_dict().items()}
+        for issue in issues[:_MOST_ISSUES]
+    )
+    return Result(issues=shown, counts=dict(Counter(issue.code for issue in issues)))

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from pliant.service.models import Base, WebSession
 from pliant.spec.errors import SpecError
 
-_LEFT_OUT: Final = (WebSession.__tablename__,)
+_TABLES: Final = [t for t in Base.metadata.sorted_tables if t.name != WebSession.__tablename__]
 _ROWS: Final = 1000
 
 
@@ -25,9 +25,7 @@ def write_tables(session: Session, folder: Path) -> None:
         session: A reading session.
         folder: An empty folder.
     """
-    for table in Base.metadata.sorted_tables:
-        if table.name in _LEFT_OUT:
-            continue
+    for table in _TABLES:
         schema = pa.schema([(column.name, _arrow_type(column)) for column in table.columns])
         query = select(table).order_by(*table.primary_key.columns)
         with pq.ParquetWriter(folder / f"{table.name}.parquet", schema) as writer:
@@ -46,9 +44,7 @@ def read_tables(session: Session, folder: Path) -> None:
     Raises:
         SpecError: A table's file is missing.
     """
-    for table in Base.metadata.sorted_tables:
-        if table.name in _LEFT_OUT:
-            continue
+    for table in _TABLES:
         path = folder / f"{table.name}.parquet"
         if not path.is_file():
             raise SpecError("a table is missing", path=path)

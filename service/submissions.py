@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from pliant.service.audit import log_time, record
 from pliant.service.challenge import Challenge
-from pliant.service.ledger import Attempts, attempts, charge
+from pliant.service.ledger import attempts, charge
 from pliant.service.models import FINAL, Job, State, Submission
 from pliant.service.settings import ChallengeSettings, Phase
 from pliant.service.teams import Identity
@@ -184,8 +184,3 @@ def queue_position(session: Session, submission: Submission) -> int | None:
     before = (Job.priority < job.priority) | ((Job.priority == job.priority) & (Job.id < job.id))
     count = select(func.count()).select_from(Job).where(Job.state == "queued", before)
     return (session.scalar(count) or 0) + 1
-
-
-def left_for(session: Session, who: Identity, phase: Phase) -> Attempts:
-    """Return a team's attempts now."""
-    return attempts(session, who.team_id, phase, log_time(session))

@@ -143,7 +143,7 @@ class Worker:
         if isinstance(outcome, LimitError):
             final = outcome.reason != "crash"
         if not final and lease.tries < self._limits.tries:
-            queue.give_back(database, lease, counted=True, error=error[:2000])
+            queue.give_back(database, lease, error[:2000])
             return
         shown = "Scoring failed. The host sees why; no attempt was charged."
         if isinstance(outcome, LimitError):

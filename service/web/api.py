@@ -16,9 +16,10 @@ from starlette.responses import Response
 from pliant.service.audit import log_time
 from pliant.service.database import now_ms
 from pliant.service.leaderboard import Board, leaderboard
+from pliant.service.ledger import attempts
 from pliant.service.models import Score, Submission, Version
 from pliant.service.settings import Phase
-from pliant.service.submissions import NotAcceptedError, left_for
+from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity
 from pliant.service.web.security import Member, Visitor, by_token
 from pliant.service.web.state import Site, default_phase, default_version
@@ -134,7 +135,7 @@ def get_challenge(site: TheSite, who: Visitor) -> ChallengeView:
         time_ms = log_time(session)
         phases = []
         for phase in site.challenge.settings.phases:
-            left = None if who is None else left_for(session, who, phase)
+            left = None if who is None else attempts(session, who.team_id, phase, time_ms)
             values = phase.model_dump() | {"status": phase.status(time_ms)}
             values |= {"left_today": left and left.today, "left_total": left and left.total}
             phases.append(PhaseView.model_validate(values))

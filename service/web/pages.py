@@ -13,8 +13,9 @@ from starlette.datastructures import UploadFile
 
 from pliant.service.audit import log_time
 from pliant.service.leaderboard import history
+from pliant.service.ledger import attempts
 from pliant.service.models import Team, Version
-from pliant.service.submissions import NotAcceptedError, left_for
+from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity, begin_session, end_session
 from pliant.service.versions import versions_of
 from pliant.service.web.api import (
@@ -37,7 +38,7 @@ from pliant.service.web.security import (
 )
 from pliant.service.web.state import Site
 from pliant.service.web.uploads import receive_file
-from pliant.service.web.views import find_submission, submission_view
+from pliant.service.web.views import find_submission, is_own, submission_view
 from pliant.spec.storage.manifest import read_checksums
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -148,7 +149,7 @@ def submit_form(site: TheSite, who: Visitor) -> HTMLResponse:
     with site.database.read() as session:
         time_ms = log_time(session)
         phases = [
-            (phase, phase.status(time_ms), left_for(session, who, phase))
+            (phase, phase.status(time_ms), attempts(session, who.team_id, phase, time_ms))
             for phase in site.challenge.settings.phases
         ]
     return page(site, "submit.html.j2", who, phases=phases)
@@ -194,7 +195,7 @@ def submission(site: TheSite, who: Visitor, number: Number) -> HTMLResponse:
         found = find_submission(session, number, who)
         view = submission_view(session, found, who)
         ways = {each.id: each for each in versions_of(session, found.phase)}
-        own = who is not None and (who.is_host or who.team_id == found.team_id)
+        own = is_own(found, who)
         return page(site, "submission.html.j2", who, view=view, versions=ways, own=own)
 
 

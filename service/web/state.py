@@ -15,7 +15,6 @@ from typing import Any, Final
 import jinja2
 from markdown_it import MarkdownIt
 from rich.filesize import decimal
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator.report.cells import Heading
@@ -25,6 +24,7 @@ from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.models import Version
 from pliant.service.settings import Phase
+from pliant.service.versions import versions_of
 from pliant.service.web.throttle import Throttle
 
 _MOST_CACHED: Final = 64
@@ -128,11 +128,9 @@ def default_phase(site_settings: tuple[Phase, ...], time_ms: int) -> Phase:
 
 def default_version(session: Session, phase: Phase) -> Version | None:
     """Return the newest version of a phase's first protocol."""
-    found = session.scalars(
-        select(Version).where(Version.phase == phase.name).order_by(Version.id.desc())
-    ).all()
+    found = versions_of(session, phase.name)
     first = [each for each in found if each.protocol == phase.protocols[0]]
-    return next(iter(first or found), None)
+    return next(reversed(first or found), None)
 
 
 def _security_headers(templates: jinja2.Environment, https: bool) -> dict[str, str]:

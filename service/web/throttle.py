@@ -13,14 +13,9 @@ _MOST_CLIENTS: Final = 10_000
 
 
 class Throttle:
-    """Counts events per client, and says when there are too many.
+    """Counts events per client, and says when there are too many."""
 
-    Args:
-        limit: Events per minute.
-    """
-
-    def __init__(self, limit: int = _FAILURES_PER_MINUTE) -> None:
-        self._limit = limit
+    def __init__(self) -> None:
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def check(self, client: str) -> None:
@@ -28,7 +23,7 @@ class Throttle:
         times = self._times.get(client, deque())
         while times and times[0] < time.monotonic() - 60:
             times.popleft()
-        if len(times) >= self._limit:
+        if len(times) >= _FAILURES_PER_MINUTE:
             raise NotAcceptedError(
                 "TOO_MANY_REQUESTS", 429, "too many wrong tokens", fix="Wait a minute."
             )

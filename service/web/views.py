@@ -81,11 +81,9 @@ class BoardView(BaseModel):
     controls: list[Row]
 
 
-def may_see(submission: Submission, who: Identity | None) -> bool:
-    """Return whether a submission is shown: to its team and the host, and scored ones to all."""
-    if who is not None and (who.is_host or who.team_id == submission.team_id):
-        return True
-    return submission.state == State.SCORED and submission.withdrawn_ms is None
+def is_own(submission: Submission, who: Identity | None) -> bool:
+    """Return whether a submission is of somebody's own team; the host has every team's."""
+    return who is not None and (who.is_host or who.team_id == submission.team_id)
 
 
 def find_submission(session: Session, number: int, who: Identity | None) -> Submission:
@@ -94,16 +92,18 @@ def find_submission(session: Session, number: int, who: Identity | None) -> Subm
     Raises:
         NotAcceptedError: There is none, or it is another team's and not public.
     """
-    found = session.get(Submission, number) if number < 2**63 else None
-    if found is None or not may_see(found, who):
-        raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
-    return found
+    found = session.get(Submission, number)
+    if found is not None:
+        public = found.state == State.SCORED and found.withdrawn_ms is None
+        if public or is_own(found, who):
+            return found
+    raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
 
 
 def own_submission(session: Session, number: int, who: Identity) -> Submission:
     """Return a submission of one's own team; the host has every team's."""
     found = find_submission(session, number, who)
-    if not who.is_host and found.team_id != who.team_id:
+    if not is_own(found, who):
         raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
     return found
 
@@ -112,7 +112,6 @@ def submission_view(
     session: Session, submission: Submission, who: Identity | None
 ) -> SubmissionView:
     """Return what somebody may see of a submission."""
-    own = who is not None and (who.is_host or who.team_id == submission.team_id)
     problems = submission.problems or {}
     scored = (
         select(Score, Version)
@@ -128,7 +127,7 @@ def submission_view(
         check_only=submission.check_only,
         queue_position=queue_position(session, submission),
         method=submission.method,
-        file_name=submission.file_name if own else None,
+        file_name=submission.file_name if is_own(submission, who) else None,
         file_sha256=submission.file_sha256,
         file_bytes=submission.file_bytes,
         submitted_ms=submission.created_ms,
