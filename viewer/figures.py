@@ -45,12 +45,8 @@ def draw_figure(
         `out`.
 
     Raises:
-        CallError: The figure, the sequence or the file's ending cannot be served.
+        CallError: The sequence or the file's ending cannot be served.
     """
-    if figure not in FIGURES:
-        raise CallError(
-            "unknown figure", where="--figure", found=figure, required=", ".join(FIGURES)
-        )
     if count < 1:
         raise CallError("no images are asked for", where="--count", found=count, required=">= 1")
     check_ending(out, PICTURES if figure in _SHEETS else DRAWINGS)
