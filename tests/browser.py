@@ -9,7 +9,6 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Literal
 
 from selenium import webdriver
@@ -98,10 +97,6 @@ class Browser:
             for event in events
             if event["method"] == "Network.requestWillBeSent"
         ]
-
-    def screenshot(self, out: Path) -> None:
-        """Write what the window shows as a PNG."""
-        out.write_bytes(self.driver.get_screenshot_as_png())
 
     def _point(
         self, x: float, y: float, *, press: bool, kind: Literal["mouse", "touch"] = "mouse"

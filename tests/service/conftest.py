@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,20 +54,6 @@ def service_halves(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory)
     return Halves(out, facts.private, tuple(files))
 
 
-@pytest.fixture(scope="session")
-def postgres() -> Iterator[Callable[[], str]]:
-    """A function that makes an empty database on a server of its own and returns its URL."""
-    with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as place:
-        server = PostgresServer(Path(place))
-        server.require()
-        server.create()
-        server.start()
-        try:
-            yield server.new_database
-        finally:
-            server.stop("immediate")  # nobody reads it again: no checkpoint
-
-
 class PostgresServer:
     """A server on a socket in a temporary folder, run by the user `postgres`.
 
@@ -78,32 +65,46 @@ class PostgresServer:
         self.place = place
         self._databases = 0
 
-    def require(self) -> None:
-        """Skip the test where PostgreSQL cannot be run."""
-        if not (POSTGRES / "initdb").is_file() or shutil.which("runuser") is None:
-            pytest.skip("PostgreSQL is not installed")
-
-    def create(self) -> None:
-        shutil.chown(self.place, "postgres")
-        self._run("initdb", "-D", "data", "-A", "trust", "--no-sync", "-E", "UTF8")
-
     def start(self) -> None:
         options = f"-k {self.place} -c listen_addresses= -c fsync=off -c max_connections=60"
-        self._run("pg_ctl", "-D", "data", "-w", "-l", "log", "-o", options, "start")
+        self.run("pg_ctl", "-D", "data", "-w", "-l", "log", "-o", options, "start")
 
-    def stop(self, mode: str = "fast") -> None:
-        self._run("pg_ctl", "-D", "data", "-w", "-m", mode, "stop")
+    def stop(self) -> None:
+        self.run("pg_ctl", "-D", "data", "-w", "-m", "immediate", "stop")  # without a checkpoint
 
     def new_database(self) -> str:
         self._databases += 1
         name = f"t{self._databases}"
-        self._run("createdb", "-h", str(self.place), name)
+        self.run("createdb", "-h", str(self.place), name)
         return f"postgresql://postgres@/{name}?host={self.place}"
 
-    def _run(self, program: str, *arguments: str) -> None:
+    def run(self, program: str, *arguments: str) -> None:
         command = ["runuser", "-u", "postgres", "--", str(POSTGRES / program), *arguments]
         done = subprocess.run(command, cwd=self.place, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
+
+
+@contextmanager
+def running_postgres() -> Iterator[PostgresServer]:
+    """Run a server; skip the test where PostgreSQL cannot be run."""
+    if not (POSTGRES / "initdb").is_file() or shutil.which("runuser") is None:
+        pytest.skip("PostgreSQL is not installed")
+    with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as place:
+        server = PostgresServer(Path(place))
+        shutil.chown(place, "postgres")
+        server.run("initdb", "-D", "data", "-A", "trust", "--no-sync", "-E", "UTF8")
+        server.start()
+        try:
+            yield server
+        finally:
+            server.stop()
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Callable[[], str]]:
+    """A function that makes an empty database on a server of its own and returns its URL."""
+    with running_postgres() as server:
+        yield server.new_database
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,7 @@ def plain_challenge(
 ) -> tuple[Path, str]:
     """A challenge without settings on SQLite, to be copied, and its host's token."""
     root = tmp_path_factory.mktemp("plain") / "challenge"
-    halves = service_halves
-    return root, create_challenge(root, halves.public, halves.private, ["test"])
+    return root, create_challenge(root, service_halves.public, service_halves.private, ["test"])
 
 
 @pytest.fixture

@@ -34,11 +34,14 @@ class Server:
         self._command = [sys.executable, "-c", _MAIN, "serve", str(root), "--port", str(port)]
         self._command += options
         self._log = log
-        self.process = self._start()
+        self.start()
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def start(self) -> None:
+        """Start it, after `kill` again on the same port."""
         with open(self._log, "ab") as log:
-            return subprocess.Popen(self._command, stdout=log, stderr=log, start_new_session=True)
+            self.process = subprocess.Popen(
+                self._command, stdout=log, stderr=log, start_new_session=True
+            )
 
     def wait(self, seconds: float = 180) -> None:
         """Wait until it answers."""
@@ -55,10 +58,6 @@ class Server:
         with suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
-
-    def restart(self) -> None:
-        """Start it again, on the same port."""
-        self.process = self._start()
 
     def stop(self) -> int:
         """Stop it gracefully and return its exit code."""

@@ -42,6 +42,18 @@ def client(trial: Trial) -> Iterator[TestClient]:
         yield made
 
 
+@pytest.fixture
+def plain(make_trial: MakeTrial) -> Trial:
+    """A challenge where the kind of database does not matter."""
+    return make_trial()
+
+
+@pytest.fixture
+def plain_client(plain: Trial) -> Iterator[TestClient]:
+    with client_of(plain) as made:
+        yield made
+
+
 def client_of(trial: Trial) -> TestClient:
     app = make_app(trial.challenge)
     return TestClient(app, raise_server_exceptions=True, follow_redirects=False)
@@ -118,86 +130,73 @@ def test_tokens(trial: Trial, client: TestClient) -> None:
     with trial.challenge.database.read() as session:
         stored = " ".join(map(str, session.execute(text("SELECT * FROM token")).all()))
     assert not any(secret in stored for secret in secrets)
-    who = trial.who(ada)
-    signed_in = login(client, ada)
-    admin = login(client, trial.host)
-    form = {"csrf": csrf_of(client, admin), "token_id": who.token_id}
-    done = client.post("/admin/revoke", data=form, headers=with_cookie(admin))
-    assert done.status_code == 303
+    signed_in, admin = SignedIn(client, ada), SignedIn(client, trial.host)
+    assert admin.post("/admin/revoke", token_id=trial.who(ada).token_id).status_code == 303
     assert client.get(f"{API}/submissions", headers=bearer(ada)).status_code == 401
-    assert client.get(f"{API}/submissions", headers=with_cookie(signed_in)).status_code == 401
+    assert signed_in.get(f"{API}/submissions").status_code == 401
 
 
-def test_wrong_tokens_are_limited(make_trial: MakeTrial) -> None:
-    trial = make_trial()
-    with client_of(trial) as client:
-        codes = [
-            client.get(f"{API}/submissions", headers=bearer("x")).status_code for _ in range(12)
-        ]
-        assert codes == [401] * 10 + [429] * 2
-        assert client.post("/login", data={"token": trial.host}).status_code == 429
+def test_wrong_tokens_are_limited(plain: Trial, plain_client: TestClient) -> None:
+    client = plain_client
+    codes = [client.get(f"{API}/submissions", headers=bearer("x")).status_code for _ in range(12)]
+    assert codes == [401] * 10 + [429] * 2
+    assert client.post("/login", data={"token": plain.host}).status_code == 429
 
 
-def login(client: TestClient, token: str) -> str:
-    answer = client.post("/login", data={"token": token})
-    assert answer.status_code == 303
-    cookie = answer.headers["set-cookie"]
-    assert "HttpOnly" in cookie
-    assert "SameSite=lax" in cookie
-    client.cookies.clear()
-    return cookie.partition("=")[2].partition(";")[0]
+class SignedIn:
+    """A browser that has signed in.
+
+    Args:
+        client: The connection, which keeps no cookie.
+        token: The token.
+    """
+
+    def __init__(self, client: TestClient, token: str) -> None:
+        answer = client.post("/login", data={"token": token})
+        assert answer.status_code == 303
+        cookie = answer.headers["set-cookie"]
+        assert "HttpOnly" in cookie
+        assert "SameSite=lax" in cookie
+        client.cookies.clear()
+        self._client = client
+        self.headers = {"Cookie": f"{COOKIE}={cookie.partition('=')[2].partition(';')[0]}"}
+        self.csrf = self.get("/submissions").text.partition('name="csrf" value="')[2].split('"')[0]
+
+    def get(self, path: str) -> Any:
+        return self._client.get(path, headers=self.headers)
+
+    def post(self, path: str, *, file: bytes | None = None, **form: Any) -> Any:
+        files = None if file is None else {"file": ("a", file)}
+        data = {"csrf": self.csrf, **form}
+        return self._client.post(path, data=data, files=files, headers=self.headers)
 
 
-def with_cookie(cookie: str) -> dict[str, str]:
-    return {"Cookie": f"{COOKIE}={cookie}"}
-
-
-def csrf_of(client: TestClient, cookie: str) -> str:
-    page = client.get("/submissions", headers=with_cookie(cookie)).text
-    return page.partition('name="csrf" value="')[2].partition('"')[0]
-
-
-def test_forms_need_their_own_page(make_trial: MakeTrial) -> None:
-    trial = make_trial()
-    with client_of(trial) as client:
-        cookie = login(client, trial.host)
-        csrf = csrf_of(client, cookie)
-        jar = with_cookie(cookie)
-        wrong = [
-            client.post("/admin/invite", data={"name": "Eve"}, headers=jar),
-            client.post("/admin/invite", data={"name": "Eve", "csrf": "x"}, headers=jar),
-            client.post(
-                "/admin/invite",
-                data={"name": "Eve", "csrf": csrf},
-                headers={**jar, "Origin": "https://elsewhere.example"},
-            ),
-            client.post(f"{API}/submissions", content=b"x", headers=jar),
-            client.post("/admin/invite", data={"name": "Eve", "csrf": csrf}),
-        ]
-        assert [each.status_code for each in wrong] == [422, 403, 403, 401, 401]
-        done = client.post("/admin/invite", data={"name": "Eve", "csrf": csrf}, headers=jar)
-        assert "shown this once" in done.text
-        ada = login(client, trial.tokens[0])
-        for path in ("/admin", "/admin/audit"):
-            assert client.get(path, headers=with_cookie(ada)).status_code == 404
-        form = {"csrf": csrf_of(client, ada), "team": 2, "phase": "test", "amount": 5}
-        assert client.post("/admin/credit", data=form, headers=with_cookie(ada)).status_code == 404
+def test_forms_need_their_own_page(plain: Trial, plain_client: TestClient) -> None:
+    client, host = plain_client, SignedIn(plain_client, plain.host)
+    whole = {"name": "Eve", "csrf": host.csrf}
+    elsewhere = {**host.headers, "Origin": "https://elsewhere.example"}
+    wrong = [
+        client.post("/admin/invite", data={"name": "Eve"}, headers=host.headers),
+        host.post("/admin/invite", name="Eve", csrf="x"),
+        client.post("/admin/invite", data=whole, headers=elsewhere),
+        client.post(f"{API}/submissions", content=b"x", headers=host.headers),
+        client.post("/admin/invite", data=whole),
+    ]
+    assert [each.status_code for each in wrong] == [422, 403, 403, 401, 401]
+    assert "shown this once" in host.post("/admin/invite", name="Eve").text
+    ada = SignedIn(client, plain.tokens[0])
+    assert [ada.get(path).status_code for path in ("/admin", "/admin/audit")] == [404, 404]
+    assert ada.post("/admin/credit", team=2, phase="test", amount=5).status_code == 404
 
 
 def test_upload_by_form(make_trial: MakeTrial) -> None:
     trial = make_trial("max_file_mb: 0.2\n")
     with client_of(trial) as client:
-        cookie = login(client, trial.tokens[0])
-        form = {"csrf": csrf_of(client, cookie), "phase": "test"}
-        jar = with_cookie(cookie)
-        sent = client.post("/submit", data=form, files={"file": ("a", b"good")}, headers=jar)
+        ada = SignedIn(client, trial.tokens[0])
+        sent = ada.post("/submit", file=b"good", phase="test")
         assert sent.headers["location"] == "/submissions/1"
-        large = client.post(
-            "/submit", data=form, files={"file": ("a", b"x" * 500_000)}, headers=jar
-        )
-        assert large.status_code == 413
-        nothing = client.post("/submit", data=form, headers=jar)
-        assert nothing.status_code == 400
+        assert ada.post("/submit", file=b"x" * 500_000, phase="test").status_code == 413
+        assert ada.post("/submit", phase="test").status_code == 400
         assert submit(client, trial.tokens[0], b"x" * 250_000).status_code == 413
         assert submit(client, trial.tokens[0], b"").status_code == 400
         assert not list(trial.challenge.incoming.glob("*.parquet"))
@@ -211,33 +210,24 @@ def test_parallel_requests_over_http(trial: Trial, client: TestClient) -> None:
     assert sorted(answers) == [201] * 5 + [429] * 4
 
 
-def test_download_in_ranges(make_trial: MakeTrial, service_halves: Halves) -> None:
-    trial = make_trial()
-    name = "sequences.parquet"
+def test_download_in_ranges(plain_client: TestClient, service_halves: Halves) -> None:
+    name, client = "sequences.parquet", plain_client
     whole = (service_halves.public / name).read_bytes()
-    with client_of(trial) as client:
-        part = client.get(f"/data/{name}", headers={"Range": "bytes=10-19"})
-        assert part.status_code == 206
-        assert part.content == whole[10:20]
-        assert client.get(f"/data/{name}").content == whole
-        for path in (
-            "../challenge.yaml",
-            "%2e%2e/challenge.sqlite",
-            "..%2fkeys",
-            "x%00y",
-            "a" * 999,
-        ):
-            assert client.get(f"/data/{path}").status_code == 404, path
+    part = client.get(f"/data/{name}", headers={"Range": "bytes=10-19"})
+    assert part.status_code == 206
+    assert part.content == whole[10:20]
+    assert client.get(f"/data/{name}").content == whole
+    escapes = ("../challenge.yaml", "%2e%2e/challenge.sqlite", "..%2fkeys", "x%00y", "a" * 999)
+    for path in escapes:
+        assert client.get(f"/data/{path}").status_code == 404, path
 
 
-def test_headers_and_operations(make_trial: MakeTrial) -> None:
-    trial = make_trial()
-    with client_of(trial) as client:
-        page = client.get("/")
-        assert "default-src 'none'" in page.headers["content-security-policy"]
-        assert page.headers["x-content-type-options"] == "nosniff"
-        assert client.get("/healthz").text == "ok"
-        assert client.get("/no/such/page").status_code == 404
+def test_headers_and_operations(plain_client: TestClient) -> None:
+    page = plain_client.get("/")
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert plain_client.get("/healthz").text == "ok"
+    assert plain_client.get("/no/such/page").status_code == 404
 
 
 def test_a_full_disk_charges_nothing(
@@ -273,23 +263,20 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     submit(client, trial.tokens[0], b"good")
     submit(client, trial.tokens[1], b"good too")
     trial.work()
-    cookie = login(client, trial.host)
-    form, jar = {"csrf": csrf_of(client, cookie)}, with_cookie(cookie)
-    done = client.post("/admin/withdraw", data={**form, "submission": 1}, headers=jar)
-    assert done.status_code == 303
+    host = SignedIn(client, trial.host)
+    assert host.post("/admin/withdraw", submission=1).status_code == 303
     board = client.get(f"{API}/leaderboard").json()
     assert [row["team"] for row in board["rows"]] == ["Grace"]
     assert client.get(f"{API}/submissions/1").status_code == 404
-    credited = {**form, "team": 2, "phase": "test", "amount": 3}
-    assert client.post("/admin/credit", data=credited, headers=jar).status_code == 303
-    rescored = {**form, "phase": "test", "protocol": "paper", "reason": "the paper's figures"}
-    assert "2 submissions wait" in client.post("/admin/rescore", data=rescored, headers=jar).text
+    assert host.post("/admin/credit", team=2, phase="test", amount=3).status_code == 303
+    rescored = {"phase": "test", "protocol": "paper", "reason": "the paper's figures"}
+    assert "2 submissions wait" in host.post("/admin/rescore", **rescored).text
     trial.work()
     view = client.get(f"{API}/submissions/2").json()
     assert [each["protocol"].split()[0] for each in view["scores"]] == ["standard", "paper"]
-    page = client.get("/admin", headers=jar).text
+    page = host.get("/admin").text
     bits = 13.1357 * (len(FIGURES_OF_STANDARD) + 3)
     assert f"<td>{bits:.0f}</td>" in page  # given away by one submission
-    log = client.get("/admin/audit", headers=jar).text
+    log = host.get("/admin/audit").text
     for action in ("withdrawn", "credited", "version added", "rescored"):
         assert action in log

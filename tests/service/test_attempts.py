@@ -65,8 +65,6 @@ def test_credit_adds_attempts_today_and_in_all(trial: Trial) -> None:
         credit(session, who.team_id, phase, 2, audit.log_time(session), actor="host")
     assert left(trial) == Attempts(2, 97)
     trial.send(b"six")
-    with pytest.raises(CallError, match="out of range"), trial.challenge.database.write() as s:
-        credit(s, who.team_id, phase, 0, 0, actor="host")
 
 
 def test_credits_of_another_day_count_in_all_and_not_today(trial: Trial) -> None:
@@ -79,16 +77,16 @@ def test_credits_of_another_day_count_in_all_and_not_today(trial: Trial) -> None
         credit(session, who.team_id, phase, 10_000, 86_400_000, actor="host")
         entry = audit.last_entry(session)
         assert entry is not None
-        assert (entry.actor, entry.action, entry.subject) == (
-            "host",
-            "credited",
-            f"team {who.team_id}",
-        )
+        assert [entry.actor, entry.action, entry.subject] == ["host", "credited", "team 2"]
         days = list(session.scalars(select(LedgerEntry.day).order_by(LedgerEntry.id)))
     assert days == ["1970-01-01", "1970-01-02"]
     assert left(trial) == Attempts(5, 10_101)
-    with pytest.raises(CallError, match="1 to 10,000"), trial.challenge.database.write() as s:
-        credit(s, who.team_id, phase, 10_001, 0, actor="host")
+    for amount in (0, 10_001):
+        with (
+            pytest.raises(CallError, match=r"out of range.*1 to 10,000"),
+            trial.challenge.database.write() as session,
+        ):
+            credit(session, who.team_id, phase, amount, 0, actor="host")
 
 
 def test_a_clock_that_is_set_back_opens_no_day_again(

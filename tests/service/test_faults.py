@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -29,7 +28,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring
 from pliant.service.worker import Worker
 from pliant.spec.errors import CallError
-from tests.service.conftest import Halves, MakeTrial, PostgresServer, quick
+from tests.service.conftest import Halves, MakeTrial, PostgresServer, quick, running_postgres
 from tests.service.server import Server, serving
 from tests.service.test_api import API, client_of, submit
 
@@ -135,7 +134,7 @@ def kill_something(server: Server, rng: random.Random) -> None:
         server.process.wait()
     else:
         server.kill()
-    server.restart()
+    server.start()
 
 
 def wait_until_idle(challenge: Challenge, seconds: float = 1500) -> None:
@@ -182,13 +181,8 @@ def check_books(challenge: Challenge, accepted: dict[int, str], halves: Halves) 
 
 @pytest.fixture
 def own_postgres() -> Iterator[PostgresServer]:
-    with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as place:
-        server = PostgresServer(Path(place))
-        server.require()
-        server.create()
-        server.start()
+    with running_postgres() as server:
         yield server
-        server.stop("immediate")
 
 
 @pytest.mark.parametrize("seconds", [2, pytest.param(30, marks=pytest.mark.long)])
@@ -210,7 +204,7 @@ def test_a_database_that_is_gone_for_a_while(
     thread.start()
     assert scored.wait(30)
     with client_of(trial) as client:
-        own_postgres.stop("immediate")
+        own_postgres.stop()
         gone.set()
         end = time.monotonic() + seconds
         while time.monotonic() < end:

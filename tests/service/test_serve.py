@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from pliant.cli.main import run
-from pliant.service.challenge import Challenge
 from pliant.spec.io.parquet import read_table
-from tests.service.conftest import Halves
+from tests.service.conftest import Halves, MakeTrial
 from tests.service.server import serving
 
 PAGES = (
@@ -121,19 +120,15 @@ def test_a_newcomers_path(
 
 
 def test_the_web_process_never_opens_the_answers(
-    service_halves: Halves, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    service_halves: Halves, make_trial: MakeTrial, tmp_path: Path
 ) -> None:
     """With the private folder out of its reach the web process serves every page."""
-    root = tmp_path / "challenge"
-    halves = service_halves
-    data = ["--data", str(halves.public), "--private", str(halves.private)]
-    assert run(["challenge", "create", str(root), *data, "--json"]) == 0
-    host = json.loads(capfd.readouterr().out)["host_token"]
+    trial = make_trial()
+    root, host = trial.challenge.root, trial.host
     os.rename(root / "private", tmp_path / "elsewhere")
     os.rename(root / "keys" / "receipts.private.pem", tmp_path / "key")
     with serving(root, tmp_path / "log", "--workers", "0") as server:
         for path in PAGES:
             assert b"INTERNAL" not in fetch(server.address + path, host), path
         to = ["--to", server.address, "--token", host, "--no-wait"]
-        assert run(["submit", str(halves.submissions[0]), *to]) == 0
-    Challenge.open(root).database.engine.dispose()
+        assert run(["submit", str(service_halves.submissions[0]), *to]) == 0
