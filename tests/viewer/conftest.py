@@ -1,4 +1,4 @@
-"""The cards of the baselines' tests, for match figures, and submissions of known answers."""
+"""Submissions of known answers."""
 
 from __future__ import annotations
 
@@ -9,22 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.baselines import Frame
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import write_table
-from tests.baselines.conftest import Similarity, card_view
-
-
-@pytest.fixture(scope="session")
-def pose() -> type[Similarity]:
-    """How a card is placed in a picture."""
-    return Similarity
-
-
-@pytest.fixture(scope="session")
-def view_of() -> Callable[[Similarity], Frame]:
-    """A function: placement -> the view of a card."""
-    return card_view
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,15 @@ from pliant.cli.main import run
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Pair
 from pliant.viewer.match_figure import _heat, _rings, draw_match
-from pliant.viewer.photo_match import grid_points, match_photo
+from pliant.viewer.photo_match import PhotoMatch, grid_points, match_photo
+from tests.baselines.conftest import Similarity, card_view
 from tests.viewer.test_photo_views import rope_on
 
 
-class Unsure:
+class Unsure(Identity):
     """Answers with everything a learned method may say."""
 
     name = "unsure"
-
-    def describe(self) -> Mapping[str, Any]:
-        return {}
 
     def answer(self, pair: Pair) -> Answers:
         modes = np.array([[40, 30, 4, 0.7], [80, 60, 9, 0.3]], dtype=np.float32)
@@ -37,10 +34,10 @@ class Unsure:
         )
 
 
-def test_turned_card_is_found(pose: Any, view_of: Any) -> None:
-    before, after = pose(), pose(angle_deg=30)
+def test_turned_card_is_found() -> None:
+    before, after = Similarity(), Similarity(angle_deg=30)
     at = before.place(np.array([[20.0, -11.0]]))[0]
-    match = match_photo(METHODS["sift"](), view_of(before), view_of(after), [tuple(at)])  # type: ignore[arg-type]
+    match = match_photo(METHODS["sift"](), card_view(before), card_view(after), [tuple(at)])  # type: ignore[arg-type]
     found = match.points[0].uv_b_px
     assert np.hypot(*(found - after.place(np.array([[20.0, -11.0]]))[0])) < 1.5
     document = match.as_dict()
@@ -50,8 +47,8 @@ def test_turned_card_is_found(pose: Any, view_of: Any) -> None:
     assert document["visible"] is None
 
 
-def test_everything_a_method_says_is_told(pose: Any, view_of: Any, tmp_path: Path) -> None:
-    view = view_of(pose())
+def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
+    view = card_view(Similarity())
     match = match_photo(Unsure(), view, view, [(100, 100)])
     document = match.as_dict()
     assert document["visible"] == pytest.approx(0.9)
@@ -59,27 +56,22 @@ def test_everything_a_method_says_is_told(pose: Any, view_of: Any, tmp_path: Pat
     assert document["confidence"] == pytest.approx(0.7 * (1 - np.exp(-(4.8**2) / 32)), abs=1e-3)
     assert document["confidence_is"] == "probability within 5 px of the answer"
     assert document["modes"][1] == pytest.approx({"u": 80, "v": 60, "sigma": 9, "weight": 0.3})
-    draw_match(match, view, view, tmp_path / "figure.svg")
-    assert "visible with probability 0.90" in _svg_text(tmp_path / "figure.svg")
+    assert "visible with probability 0.90" in figure_text(match, view, tmp_path / "figure.svg")
 
 
-def _svg_text(path: Path) -> str:
-    return path.read_text()  # matplotlib leaves each text as a comment beside its glyphs
+def figure_text(match: PhotoMatch, view: Frame, out: Path) -> str:
+    """Draw a figure, and return its texts, which matplotlib leaves as comments next to glyphs."""
+    draw_match(match, view, view, out)
+    return out.read_text()
 
 
-def test_figure_has_a_heat_map_where_the_method_has_one(
-    pose: Any, view_of: Any, tmp_path: Path
-) -> None:
-    view = view_of(pose())
+def test_figure_has_a_heat_map_where_the_method_has_one(tmp_path: Path) -> None:
+    view = card_view(Similarity())
     sizes = []
     for name in ("orb", "identity"):
         out = tmp_path / f"{name}.png"
-        draw_match(
-            match_photo(METHODS[name](), view, view, [(100, 100)]),  # type: ignore[arg-type]
-            view,
-            view,
-            out,
-        )
+        match = match_photo(METHODS[name](), view, view, [(100, 100)])  # type: ignore[arg-type]
+        draw_match(match, view, view, out)
         with Image.open(out) as figure:
             sizes.append(figure.size)
     assert sizes[0][0] > 1.4 * sizes[1][0]  # three panels against two
@@ -117,10 +109,10 @@ def test_logarithms_are_drawn_down_to_nothing() -> None:
     assert _heat(Figure().subplots(), Heat(values[:, -1:], "log", 0, "")) is None
 
 
-def test_modes_of_no_weight_are_not_drawn(pose: Any, view_of: Any) -> None:
+def test_modes_of_no_weight_are_not_drawn() -> None:
     from matplotlib.figure import Figure
 
-    view = view_of(pose())
+    view = card_view(Similarity())
     match = match_photo(Unsure(), view, view, [(100, 100)])
     (point,) = match.points
     assert point.modes is not None
@@ -136,17 +128,15 @@ def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
     assert match.points[0].uv_b_px.tolist() == [15, 10]
 
 
-@pytest.mark.parametrize("at", [(-0.1, 5.0), (30.0, 5.0), (5.0, 20.0), (float("nan"), 1.0)])
-def test_query_outside_the_picture_is_refused(at: tuple[float, float]) -> None:
-    blank = Frame(np.zeros((20, 30, 3), dtype=np.uint8))
-    with pytest.raises(CallError, match="0 <= U < 30, 0 <= V < 20"):
-        match_photo(Identity(), blank, blank, [at])
-
-
-def test_query_beside_the_object_is_refused(pose: Any, view_of: Any) -> None:
-    view = view_of(pose())
-    with pytest.raises(CallError, match="not on the object"):
-        match_photo(Identity(), view, view, [(3, 3)])
+def test_queries_off_the_picture_or_the_object_are_refused() -> None:
+    blank, card = Frame(np.zeros((20, 30, 3), np.uint8)), card_view(Similarity())
+    outside = "0 <= U < 30, 0 <= V < 20"
+    for view, at, message in (
+        *((blank, at, outside) for at in ((-0.1, 5.0), (30.0, 5.0), (5.0, 20.0), (np.nan, 1.0))),
+        (card, (3.0, 3.0), "not on the object"),
+    ):
+        with pytest.raises(CallError, match=message):
+            match_photo(Identity(), view, view, [at])
 
 
 @pytest.mark.parametrize(
@@ -165,11 +155,11 @@ def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -
         draw_match(match, blank, blank, tmp_path / name)
 
 
-def pair_of_cards(tmp_path: Path, pose: Any, view_of: Any, times: int = 1) -> list[str]:
+def pair_of_cards(tmp_path: Path, times: int = 1) -> list[str]:
     """Write two enlarged pictures of a card and their masks; return the options naming them."""
     options = []
     for side, angle in (("source", 0), ("target", 30)):
-        view = view_of(pose(angle_deg=angle))
+        view = card_view(Similarity(angle_deg=angle))
         for name, values in (("", view.rgb), ("mask-", (view.mask * 255).astype(np.uint8))):
             large = np.repeat(np.repeat(values, times, axis=0), times, axis=1)
             path = tmp_path / f"{name}{side}.png"
@@ -185,13 +175,13 @@ def matched(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, An
 
 
 def test_a_reduced_picture_gives_positions_of_the_whole_one(
-    tmp_path: Path, pose: Any, view_of: Any, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Four times as large and reduced by four: the same answer, times four."""
-    before, after = pose(), pose(angle_deg=30)
+    before, after = Similarity(), Similarity(angle_deg=30)
     at, expected = (4 * each.place(np.array([[20.0, -11.0]]))[0] for each in (before, after))
-    options = pair_of_cards(tmp_path, pose, view_of, times=4)
-    side = str(max(view_of(before).rgb.shape[:2]))
+    options = pair_of_cards(tmp_path, times=4)
+    side = str(max(card_view(before).rgb.shape[:2]))
     point = f"{at[0]},{at[1]}"
     out = str(tmp_path / "figure.png")
     found = matched(capsys, "sift", *options, "--at", point, "--max-size", side, "--out", out)
@@ -200,17 +190,15 @@ def test_a_reduced_picture_gives_positions_of_the_whole_one(
     assert found["warnings"] == []
 
 
-def test_several_points_and_a_grid(
-    tmp_path: Path, pose: Any, view_of: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = pair_of_cards(tmp_path, pose, view_of)
+def test_several_points_and_a_grid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = pair_of_cards(tmp_path)
     out = str(tmp_path / "figure.png")
     two = ["--at", "140.5,89.5", "--at", "100.5,80.5"]
     found = matched(capsys, "sift", *options, *two, "--out", out)
     assert [point["query_px"] for point in found["points"]] == [[140.5, 89.5], [100.5, 80.5]]
     grid = matched(capsys, "identity", *options, "--grid", "30", "--out", out)
     assert 20 <= len(grid["points"]) <= 40
-    mask = view_of(pose()).mask
+    mask = card_view(Similarity()).mask
     assert all(mask[int(p["query_px"][1]), int(p["query_px"][0])] for p in grid["points"])
     assert run(["match", "identity", *options, "--out", out]) == 2
     assert run(["match", "identity", *options, *two, "--grid", "3", "--out", out]) == 2
@@ -277,16 +265,13 @@ def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) ->
     assert "nothing to compare" in match.warnings()[0]
 
 
-class Strange:
+class Strange(Identity):
     """Answers a query that is unlike its training data with full confidence."""
 
     name = "strange"
 
     def __init__(self, familiarity: float) -> None:
         self.familiarity = familiarity
-
-    def describe(self) -> Mapping[str, Any]:
-        return {}
 
     def answer(self, pair: Pair) -> Answers:
         known = np.full(len(pair.uv_a_px), self.familiarity, np.float32)
@@ -296,13 +281,12 @@ class Strange:
         return Heat(np.zeros(target.rgb.shape[:2], np.float32), "log probability", 0.9, "peak")
 
 
-def test_an_unfamiliar_query_is_said(pose: Any, view_of: Any, tmp_path: Path) -> None:
-    view = view_of(pose())
+def test_an_unfamiliar_query_is_said(tmp_path: Path) -> None:
+    view = card_view(Similarity())
     usual = match_photo(Strange(0.4), view, view, [(100, 100)])
     assert usual.warnings() == []
     assert usual.as_dict()["confidence"] == 0.9
     match = match_photo(Strange(0.01), view, view, [(100, 100)])
     assert match.as_dict()["confidence"] == pytest.approx(0.009)
     assert "unlike what strange was trained on" in match.warnings()[0]
-    draw_match(match, view, view, tmp_path / "figure.svg")
-    assert "do not trust the answer" in _svg_text(tmp_path / "figure.svg")
+    assert "do not trust the answer" in figure_text(match, view, tmp_path / "figure.svg")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from pliant.baselines.controls import Identity
 from pliant.baselines.matcher import Heat
 from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
@@ -28,13 +28,10 @@ from tests.viewer.serving import served
 SHIFT_PX = 6.0
 
 
-class Shifted:
+class Shifted(Identity):
     """Answers the query's own pixel, a little to the right; its heat is a hill there."""
 
     name = "shifted"
-
-    def describe(self) -> Mapping[str, Any]:
-        return {"name": self.name}
 
     def answer(self, pair: Pair) -> Answers:
         sigma = np.full(len(pair.uv_a_px), 2.0, np.float32)

@@ -22,7 +22,7 @@ def test_frames_are_looked_up_and_never_paths(address: str, frame: str) -> None:
         assert b"no such frame" in body
 
 
-def test_wrong_parameters_get_one_sentence(address: str) -> None:
+def test_wrong_parameters_get_one_sentence_and_nothing_can_be_written(address: str) -> None:
     pair = "a=rope-test-000000/0&b=rope-test-000001/0"
     for call, said in (
         (f"truth?{pair}&u=nan&v=1", b"two numbers"),
@@ -35,8 +35,5 @@ def test_wrong_parameters_get_one_sentence(address: str) -> None:
     ):
         status, body = ask(address, below(address, f"api/{call}"))
         assert (status, said in body) == (400, True), body
-
-
-def test_nothing_can_be_written(address: str) -> None:
     for method in ("POST", "PUT", "DELETE", "PATCH"):
         assert ask(address, below(address, "api/dataset"), method)[0] == 405

@@ -42,22 +42,28 @@ def test_it_serves_until_it_is_stopped(tiny_episode: Path, submit: Submit) -> No
 
 
 def test_what_is_wrong_is_one_sentence(
-    tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tiny_dataset: Path,
+    tiny_episode: Path,
+    submit: Submit,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1")
-    data = str(tiny_dataset)
+    data, of_other_data = str(tiny_dataset), str(submit(tiny_episode, 1.0))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        for call, code in (
-            ([str(tmp_path)], 1),
-            ([data, "sifd"], 2),
-            ([data, "oracle"], 2),
-            ([data, str(tmp_path / "bad.parquet")], 1),
-            ([data, "identity", "--port", str(taken.getsockname()[1])], 2),
+        for call, code, message in (
+            ([str(tmp_path)], 1, "dataset.json"),
+            ([data, "sifd"], 2, "there is no method"),
+            ([data, "oracle"], 2, "pliant predict oracle"),
+            ([data, of_other_data], 1, "pliant check"),
+            ([data, str(tmp_path / "bad.parquet")], 1, "pliant check"),
+            ([data, "identity", "--port", str(taken.getsockname()[1])], 2, "the port cannot"),
         ):
             assert run(["explore", *call, "--no-browser"]) == code
-            assert len(capfd.readouterr().err.strip().splitlines()) == 1
+            (said,) = capfd.readouterr().err.strip().splitlines()
+            assert message in said
 
 
 def test_a_missing_extra_is_named(tiny_dataset: Path, tmp_path: Path) -> None:
