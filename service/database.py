@@ -35,7 +35,6 @@ class Database:
     """
 
     def __init__(self, url: str) -> None:
-        self.url = url
         self.engine = _engine(url)
 
     @property

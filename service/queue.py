@@ -7,11 +7,10 @@ that comes back late cannot finish the job: its lease is no longer the row's.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from sqlalchemy import Select, func, or_, select
+from sqlalchemy import Select, or_, select
 from sqlalchemy.orm import Session
 
 from pliant.service.audit import SYSTEM, log_time, record
@@ -142,14 +141,6 @@ def held(session: Session, lease: Lease) -> Job | None:
         .where(Job.id == lease.job_id, Job.lease == lease.key, Job.state == "leased")
         .with_for_update()
     )
-
-
-def counts(session: Session) -> dict[str, int]:
-    """Return the number of jobs in each state."""
-    rows: Sequence[tuple[str, int]] = session.execute(
-        select(Job.state, func.count()).group_by(Job.state)
-    ).all()
-    return dict(rows)
 
 
 _STOPPED = "Scoring stopped several times. The host sees why; no attempt was charged."

@@ -11,7 +11,6 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
-from pliant.service import queue
 from pliant.service.audit import log_time
 from pliant.service.ledger import Attempts, attempts, credit
 from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Token, Version
@@ -63,6 +62,7 @@ def _values(session: Session, site: Site) -> dict[str, Any]:
         for team in teams
     }
     width, height = Dataset.open(site.challenge.public).size
+    jobs = select(Job.state, func.count()).group_by(Job.state)
     failed = session.scalars(
         select(Job).where(Job.error.is_not(None)).order_by(Job.id.desc()).limit(20)
     )
@@ -77,7 +77,7 @@ def _values(session: Session, site: Site) -> dict[str, Any]:
             for phase in settings.phases
             for each in versions_of(session, phase.name)
         ],
-        "jobs": queue.counts(session),
+        "jobs": {state: count for state, count in session.execute(jobs)},
         "failed": failed.all(),
         "protocols": PROTOCOL_NAMES,
         "truths": sorted({each.truth for each in versions.values()}),

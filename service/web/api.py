@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, Depends, Path, Query, Request
-from fastapi.responses import PlainTextResponse, StreamingResponse
+from fastapi.responses import FileResponse, PlainTextResponse
 from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -247,19 +246,13 @@ def get_submission(site: TheSite, who: Visitor, number: Number) -> SubmissionVie
         return submission_view(session, find_submission(session, number, who), who)
 
 
-@router.get("/submissions/{number}/file", response_class=StreamingResponse)
-def get_file(site: TheSite, who: Member, number: Number) -> StreamingResponse:
+@router.get("/submissions/{number}/file", response_class=FileResponse)
+def get_file(site: TheSite, who: Member, number: Number) -> FileResponse:
     """Return the file of one's own submission."""
     with site.database.read() as session:
         sha256 = own_submission(session, number, who).file_sha256
-    head = {"Content-Disposition": f'attachment; filename="submission-{number}.parquet"'}
-    return StreamingResponse(_content(site, sha256), media_type=_BINARY, headers=head)
-
-
-def _content(site: Site, sha256: str) -> Iterator[bytes]:
-    with open(site.challenge.store.path(sha256), "rb") as stream:
-        while chunk := stream.read(1 << 20):
-            yield chunk
+    path, name = site.challenge.store.path(sha256), f"submission-{number}.parquet"
+    return FileResponse(path, media_type=_BINARY, filename=name)
 
 
 @router.get("/submissions/{number}/receipt")

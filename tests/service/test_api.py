@@ -113,7 +113,9 @@ def test_other_teams_and_visitors_see_only_what_is_public(trial: Trial, client: 
         for number in (waiting, refused):
             found = client.get(f"{API}/submissions/{number}/file", headers=headers)
             assert found.status_code in (401, 404)
-    assert client.get(f"{API}/submissions/{waiting}/file", headers=bearer(ada)).content == b"good"
+    own = client.get(f"{API}/submissions/{waiting}/file", headers=bearer(ada))
+    assert own.content == b"good"
+    assert own.headers["content-disposition"] == 'attachment; filename="submission-1.parquet"'
     assert client.get(f"{API}/submissions/{waiting}/file", headers=bearer(trial.host)).is_success
     assert client.get(f"{API}/submissions", headers=bearer(grace)).json() == []
 
