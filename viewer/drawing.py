@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.matcher import Heat
 from pliant.spec.arrays import Rgb
@@ -41,25 +40,10 @@ def show(axis: Axes, image: Rgb, title: str, window: Window | None = None) -> No
     axis.set_title(title, fontsize=10)
 
 
-def number_colour(number: int, count: int) -> tuple[float, float, float, float]:
-    """Return the colour of one of `count` numbered points, RGBA, 0 to 1."""
-    from matplotlib import colormaps
-
-    return colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
-
-
-def name_point(axis: Axes, uv_px: npt.ArrayLike, name: str) -> None:
-    """Write a point's name next to it."""
-    u, v = np.asarray(uv_px, np.float64)
-    axis.annotate(
-        name,
-        (float(u), float(v)),
-        xytext=(5, 4),
-        textcoords="offset points",
-        fontsize=8,
-        color="white",
-        bbox={"boxstyle": "round,pad=0.15", "fc": "#000000a0", "lw": 0},
-    )
+def dimmed(rgb: Rgb) -> Rgb:
+    """Return an image in dark grey, for colours over it, uint8 (H, W, 3)."""
+    grey = rgb.mean(axis=2, keepdims=True) * 0.45
+    return np.repeat(grey, 3, axis=2).astype(np.uint8)
 
 
 def heat_range(heat: Heat) -> tuple[float, float]:

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.matcher import Heat
-from pliant.spec.arrays import Rgb
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 from pliant.spec.io.writing import replacing
-from pliant.viewer.drawing import Window, check_ending, heat_range, name_point, number_colour, show
+from pliant.viewer.drawing import Window, check_ending, dimmed, heat_range, show
 from pliant.viewer.photo_match import PhotoMatch, PointMatch
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
@@ -88,7 +87,7 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
         show(axes[1], target.rgb, f"target, match at ({_numbers(at_b)}){rings}", frame_b)
         _mark(axes[1], single.uv_b_px, _MATCH_COLOUR)
     if single is not None and heat is not None:
-        show(axes[2], _dimmed(target.rgb), f"heat map of {match.method} over the target", frame_b)
+        show(axes[2], dimmed(target.rgb), f"heat map of {match.method} over the target", frame_b)
         shown = _heat(axes[2], heat)
         if shown is not None:
             bar = figure.colorbar(
@@ -108,13 +107,23 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
 
 def _numbered(axes: list[Any], match: PhotoMatch) -> None:
     """Draw every query and its match in one colour and with one number."""
+    from matplotlib import colormaps
+
     count = len(match.points)
     for number, point in enumerate(match.points):
-        colour = number_colour(number, count)
+        colour = colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
         for axis, uv_px in ((axes[0], point.uv_a_px), (axes[1], point.uv_b_px)):
             axis.plot(*uv_px, "o", ms=7, mfc=colour, mec="white", mew=1.2)
             if count <= _NUMBERED:
-                name_point(axis, uv_px, str(number + 1))
+                axis.annotate(
+                    str(number + 1),
+                    uv_px.astype(float),
+                    xytext=(5, 4),
+                    textcoords="offset points",
+                    fontsize=8,
+                    color="white",
+                    bbox={"boxstyle": "round,pad=0.15", "fc": "#000000a0", "lw": 0},
+                )
 
 
 def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
@@ -178,11 +187,6 @@ def _rings(axes: Any, match: PointMatch) -> int:
         ring.set_alpha(max(weight, 0.35))
         axes.add_patch(ring)
     return len(rings)
-
-
-def _dimmed(rgb: Rgb) -> Rgb:
-    grey = rgb.mean(axis=2, keepdims=True) * 0.45
-    return np.repeat(grey, 3, axis=2).astype(np.uint8)
 
 
 def _heat(axes: Any, heat: Heat) -> Any:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +15,6 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.drawing import show
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 _POINTS: Final = 12
 _COLUMNS: Final = 4
 _WIDTH_IN: Final = 4.1
@@ -27,23 +23,15 @@ _TITLE_IN: Final = 0.3
 _TRAIL: Final = 60
 
 
-@dataclass(frozen=True)
-class Tracks:
-    """Where N points of a sequence are in its T frames.
+def _true_tracks(
+    sequence: SequenceRecord,
+) -> tuple[FloatArray, npt.NDArray[np.bool_], FloatArray]:
+    """Return where N points spread over the queried object are in every one of T frames.
 
-    Attributes:
-        uv_px: float64 (T, N, 2), pixels.
-        visible: bool (T, N).
-        colours: float64 (N, 3), 0 to 1.
+    Returns:
+        Positions in pixels, float64 (T, N, 2); whether they are visible, bool (T, N); colours,
+        float64 (N, 3), 0 to 1.
     """
-
-    uv_px: FloatArray
-    visible: npt.NDArray[np.bool_]
-    colours: FloatArray
-
-
-def true_tracks(sequence: SequenceRecord) -> Tracks:
-    """Return where points spread over the queried object are in every frame."""
     tier, points = sequence.described, sequence.points()
     of_object = np.asarray(points["object"].to_numpy()) == tier.queried_object
     rows = np.flatnonzero(of_object & (np.asarray(points["kind"].to_pylist()) == "surface"))
@@ -60,7 +48,7 @@ def true_tracks(sequence: SequenceRecord) -> Tracks:
     shape = (sequence.frames, len(points))
     uv_px = positions_px(table, "u_px", "v_px").reshape(*shape, 2)[:, rows[chosen]]
     visible = (np.asarray(table["visibility"].to_pylist()) == "visible").reshape(shape)
-    return Tracks(uv_px, visible[:, rows[chosen]], colours)
+    return uv_px, visible[:, rows[chosen]], colours
 
 
 def draw_tracks(sequence: SequenceRecord, frames: Sequence[int], out: Path) -> None:
@@ -75,7 +63,8 @@ def draw_tracks(sequence: SequenceRecord, frames: Sequence[int], out: Path) -> N
     """
     from matplotlib.figure import Figure
 
-    tracks, size = true_tracks(sequence), sequence.size
+    uv_px, visible, colours = _true_tracks(sequence)
+    size = sequence.size
     columns = min(len(frames), _COLUMNS)
     rows = -(-len(frames) // columns)
     image_in = _WIDTH_IN * size[1] / size[0]
@@ -89,16 +78,11 @@ def draw_tracks(sequence: SequenceRecord, frames: Sequence[int], out: Path) -> N
         unused.set_axis_off()
     for axis, frame in zip(axes, frames, strict=False):
         show(axis, sequence.rgb(frame), f"{sequence.id}, frame {frame}")
-        _draw_points(axis, tracks, frame, trails=sequence.temporal)
+        for k, colour in enumerate(colours):
+            if sequence.temporal:
+                trail = uv_px[max(0, frame - _TRAIL) : frame + 1, k]
+                axis.plot(*trail.T, color="black", lw=2.2, alpha=0.5)
+                axis.plot(*trail.T, color=colour, lw=1.3)
+            face, edge = (colour, "white") if visible[frame, k] else ("none", colour)
+            axis.plot(*uv_px[frame, k], "o", ms=6, mfc=face, mec=edge, mew=1.0)
     figure.savefig(out)
-
-
-def _draw_points(axis: Axes, tracks: Tracks, frame: int, *, trails: bool) -> None:
-    way = slice(max(0, frame - _TRAIL), frame + 1)
-    for k, colour in enumerate(tracks.colours):
-        if trails:
-            trail = tracks.uv_px[way, k]
-            axis.plot(*trail.T, color="black", lw=2.2, alpha=0.5)
-            axis.plot(*trail.T, color=colour, lw=1.3)
-        face, edge = (colour, "white") if tracks.visible[frame, k] else ("none", colour)
-        axis.plot(*tracks.uv_px[frame, k], "o", ms=6, mfc=face, mec=edge, mew=1.0)

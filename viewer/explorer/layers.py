@@ -21,7 +21,7 @@ from pliant.spec.arrays import FloatArray, Rgb
 from pliant.spec.frame import Frame
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.drawing import heat_range
+from pliant.viewer.drawing import dimmed, heat_range
 from pliant.viewer.explorer.descriptor_colours import descriptor_colours
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.submissions import Method
@@ -135,8 +135,7 @@ def _error_map(truth: TruthFinder, method: Method, pair: RecordedPair) -> Rgb | 
         return None
     error = np.full(len(uv), np.nan)
     error[keep] = np.linalg.norm(answers - true_px[keep], axis=1)
-    grey = (view.rgb.mean(axis=2, keepdims=True) * 0.45).astype(np.uint8)
-    out = np.repeat(grey, 3, axis=2)
+    out = dimmed(view.rgb)
     rows, columns = np.nonzero(view.mask)
     from scipy.spatial import cKDTree
 

@@ -32,16 +32,18 @@ def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, An
     """
     mesh = frames.mesh(RecordedFrame(sequence, 0))
     colours = material_colours(mesh.material[:, 0], mesh.material[:, 1], sequence.described)
+    count = len(mesh.rows)  # of a table that is in the order of the material
+    spread = np.unique(np.linspace(0, max(count - 1, 0), min(_TRACKS, count)).round())
     cameras = [sequence.camera(index) for index in range(sequence.frames)]
     return {
         "sequence": sequence.id,
         "frames": sequence.frames,
         "temporal": sequence.temporal,
         "size": list(sequence.size),
-        "points": len(mesh.rows),
+        "points": count,
         "faces": _packed(mesh.faces, np.int32),
         "colours": _packed(np.rint(255 * colours), np.uint8),
-        "tracks": _packed(_spread(len(mesh.rows)), np.int32),
+        "tracks": _packed(spread, np.int32),
         "cameras": [
             {"K": each.K.tolist(), "world_to_camera": each.world_to_camera.tolist()}
             for each in cameras
@@ -73,13 +75,6 @@ def depth_bytes(frames: FrameStore, frame: RecordedFrame) -> bytes | None:
     local = rays * z
     world = np.linalg.inv(camera.world_to_camera) @ np.vstack([local, np.ones(len(rows))])
     return world[:3].T.astype("<f4").tobytes() + frame.rgb[rows, columns].tobytes()
-
-
-def _spread(count: int) -> npt.NDArray[np.int32]:
-    """Return numbers of points spread over a table that is in the order of the material."""
-    return np.unique(np.linspace(0, max(count - 1, 0), min(_TRACKS, count)).round()).astype(
-        np.int32
-    )
 
 
 def _packed(values: npt.NDArray[Any], kind: type[np.generic]) -> str:
