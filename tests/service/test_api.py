@@ -271,8 +271,10 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     assert [row["team"] for row in board["rows"]] == ["Grace"]
     assert client.get(f"{API}/submissions/1").status_code == 404
     assert host.post("/admin/credit", team=2, phase="test", amount=3).status_code == 303
-    rescored = {"phase": "test", "protocol": "paper", "reason": "the paper's figures"}
-    assert "2 submissions wait" in host.post("/admin/rescore", **rescored).text
+    page = host.post(
+        "/admin/rescore", phase="test", protocol="paper", reason="the paper's figures"
+    ).text
+    assert "2 submissions wait" in page
     trial.work()
     view = client.get(f"{API}/submissions/2").json()
     assert [each["protocol"].split()[0] for each in view["scores"]] == ["standard", "paper"]

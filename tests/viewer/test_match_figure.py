@@ -160,7 +160,8 @@ def pair_of_cards(tmp_path: Path, times: int = 1) -> list[str]:
     options = []
     for side, angle in (("source", 0), ("target", 30)):
         view = card_view(Similarity(angle_deg=angle))
-        for name, values in (("", view.rgb), ("mask-", (view.mask * 255).astype(np.uint8))):
+        assert view.mask is not None
+        for name, values in (("", view.rgb), ("mask-", view.mask.astype(np.uint8) * 255)):
             large = np.repeat(np.repeat(values, times, axis=0), times, axis=1)
             path = tmp_path / f"{name}{side}.png"
             Image.fromarray(large).save(path)
@@ -199,6 +200,7 @@ def test_several_points_and_a_grid(tmp_path: Path, capsys: pytest.CaptureFixture
     grid = matched(capsys, "identity", *options, "--grid", "30", "--out", out)
     assert 20 <= len(grid["points"]) <= 40
     mask = card_view(Similarity()).mask
+    assert mask is not None
     assert all(mask[int(p["query_px"][1]), int(p["query_px"][0])] for p in grid["points"])
     assert run(["match", "identity", *options, "--out", out]) == 2
     assert run(["match", "identity", *options, *two, "--grid", "3", "--out", out]) == 2

@@ -108,11 +108,13 @@ def test_a_loop_that_the_picture_does_not_show_goes(rope: Mask, ball: Mask, foun
 
 
 def test_lengths_scale_with_the_picture(rope: Mask, ball: Mask, found: Masks) -> None:
-    def doubled(*masks: Mask | None) -> list[Mask]:
-        return [each.repeat(2, 0).repeat(2, 1) for each in masks if each is not None]
+    def doubled(mask: Mask) -> Mask:
+        return mask.repeat(2, 0).repeat(2, 1)
 
-    given, large = damaged(rope, ball), doubled(*found)
-    (once,) = doubled(corrected(*given, found)[0])
-    twice, _ = corrected(*doubled(*given), (large[0], large[1]))
+    given, objects = damaged(rope, ball)
+    assert found[1] is not None
+    large = doubled(found[0]), doubled(found[1])
+    once = doubled(corrected(given, objects, found)[0])
+    twice, _ = corrected(doubled(given), doubled(objects), large)
     assert overlap(once, twice) > 0.95
-    assert repaired(*doubled(rope, rope | ball), (large[0], large[1])) is None
+    assert repaired(doubled(rope), doubled(rope | ball), large) is None
