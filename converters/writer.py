@@ -21,7 +21,6 @@ from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
 from pliant.spec.ball import separate_ball
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.exr import write_camera_depth
@@ -31,6 +30,7 @@ from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
 from pliant.spec.io.staging import is_left_alone, staged_both
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
+from pliant.spec.opening import is_name
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES

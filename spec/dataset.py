@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import operator
-import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from pliant.spec.calls import check_whole
-from pliant.spec.conventions import SPEC_VERSION, SPLITS
+from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table
-from pliant.spec.io.reading import AnyFile, FileRefusedError, sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import Tier
+from pliant.spec.opening import check_names, check_version, tiers_of
 from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.sequence import RecordedFrame, SequenceRecord, decoded_images
 from pliant.spec.storage import layout
@@ -32,69 +31,8 @@ SAMPLE_NAME: Final = "sample"
 SAMPLE: Final = Path(__file__).parent / "sample"
 """The small dataset of the package: 12 ropes in two frames each, packed."""
 
-NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
-"""What names of tiers and sequences look like; they are folder names too."""
-
-
 _LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
 """Columns of `sequences.parquet` that a `SequenceRecord` has."""
-
-
-def is_name(text: str) -> bool:
-    """Return whether a text may name a tier or a sequence (and so a folder)."""
-    return NAME.fullmatch(text) is not None and ".." not in text
-
-
-def _are_names(column: pa.ChunkedArray) -> bool:
-    """Return whether every text of a column may name a tier or a sequence."""
-    shaped = pc.match_substring_regex(column, f"^(?:{NAME.pattern})$")
-    return pc.all(pc.and_not(shaped, pc.match_substring(column, ".."))).as_py() is not False
-
-
-def _check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> None:
-    """Refuse names that cannot be those of folders, and tiers that are not described."""
-    if not _are_names(listing["id"]) or not _are_names(listing["tier"]):
-        named = zip(listing["id"].to_pylist(), listing["tier"].to_pylist(), strict=True)
-        name, tier = next(each for each in named if not all(map(is_name, each)))
-        raise SpecError(
-            "invalid name of a sequence or tier",
-            path=path,
-            where="id, tier",
-            found=f"{name!r:.80}, {tier!r:.80}",
-        )
-    for tier in listing["tier"].unique().to_pylist():
-        if tier not in tiers:
-            first = pc.index(listing["tier"], tier).as_py()
-            raise SpecError(
-                "a sequence names a tier that dataset.json does not describe",
-                path=path,
-                where=f"sequence {listing['id'][first].as_py()}, tier",
-                found=f"{tier!r:.80}",
-                required="one of " + ", ".join(tiers),
-            )
-
-
-def check_version(version: object, path: AnyFile) -> None:
-    """Refuse a file of another major version.
-
-    Args:
-        version: The file's `spec_version`.
-        path: The file, for the message.
-
-    Raises:
-        FileRefusedError: The version is not one this code can read.
-    """
-    match = re.fullmatch(r"(\d{1,6})\.(\d{1,6})\.(\d{1,6})", str(version))
-    if match is None or match[1] != SPEC_VERSION.split(".")[0]:
-        raise FileRefusedError(
-            "SPEC_VERSION_UNSUPPORTED",
-            "this specification version cannot be read here",
-            path=path,
-            where="spec_version",
-            found=str(version)[:40],
-            required=f"{SPEC_VERSION.split('.')[0]}.x",
-            fix="Use a Pliant that knows it.",
-        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,10 +93,10 @@ class Dataset:
         info = read_json(path)
         check_version(info.get("spec_version") if isinstance(info, dict) else None, path)
         info = read_json(path, "dataset")
-        tiers = _tiers(info, path)
+        tiers = tiers_of(info, path)
         table_path = storage.get(layout.SEQUENCES_TABLE)
         listing = read_table(table_path, "sequences").select(_LISTED)
-        _check_names(listing, tiers, table_path)
+        check_names(listing, tiers, table_path)
         if storage.has(layout.INDEX_TABLE):
             files = PackedFiles(storage, listing["id"].to_pylist())
         return cls(Path(root), info, tiers, listing, files)
@@ -351,19 +289,3 @@ class Dataset:
                 required=f"one of {self.splits_with_queries()}",
             )
         return self.local(name)
-
-
-def _tiers(info: dict[str, Any], path: AnyFile) -> dict[str, Tier]:
-    tiers = {}
-    for index, document in enumerate(info["tiers"]):
-        tier = Tier.from_document(document)
-        if tier.queried_object not in {each.id for each in tier.objects}:
-            raise SpecError(
-                "the queried object is not one of the tier's objects",
-                path=path,
-                where=f"tiers[{index}], queried_object",
-                found=tier.queried_object,
-                required=f"one of {[each.id for each in tier.objects]}",
-            )
-        tiers[tier.name] = tier
-    return tiers

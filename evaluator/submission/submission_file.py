@@ -21,10 +21,11 @@ from pliant.evaluator.submission.values import (
     MODE_FIELDS,
 )
 from pliant.spec.conventions import SPEC_VERSION
-from pliant.spec.dataset import Dataset, check_version
+from pliant.spec.dataset import Dataset
 from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of
 from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.opening import check_version
 from pliant.spec.text import name_fault
 from pliant.spec.validation.findings import reason
 

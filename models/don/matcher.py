@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,11 @@ from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
+from pliant.models.don.search import Decided, Search
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
 from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statistics
-from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
+from pliant.models.don.tracing import TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
 from pliant.spec.configuration import settings_to_dict
@@ -31,43 +32,6 @@ from pliant.spec.io.resizing import resize_nearest
 
 _PIXELS_AT_ONCE = 4096
 _NEAR_ANSWER = 2.0  # pixels of the network
-
-
-@dataclass(frozen=True)
-class Search(Comparison):
-    """What the matcher knows of N queries before it decides.
-
-    Attributes:
-        traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
-        deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
-            where `log_p` is the mean of both, or one side of a cloth.
-    """
-
-    traced: TracedPlaces | None
-    deciding: torch.Tensor
-
-    @property
-    def either_way(self) -> bool:
-        """Whether they are on a rope whose ends look alike."""
-        return self.traced is not None and self.traced.other_way_px is not None
-
-
-@dataclass(frozen=True)
-class _Decided:
-    """The one distribution that answers, their widths, the heat map and the confidence come from.
-
-    Attributes:
-        source, target: The views as they are answered in.
-        found: What was found in them.
-        calibration: What holds for them, or None for a network without one.
-        position_px: float64 (N, 2), the answers, in pixels of the target as seen.
-    """
-
-    source: Reframed
-    target: Reframed
-    found: Search
-    calibration: Calibration | None
-    position_px: npt.NDArray[np.float64]
 
 
 class DonMatcher:
@@ -152,11 +116,11 @@ class DonMatcher:
         usual = UsualDescriptors.of(asked)
         return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
 
-    def _traced_statistics(self, decided: _Decided) -> npt.NDArray[np.float64]:
+    def _traced_statistics(self, decided: Decided) -> npt.NDArray[np.float64]:
         source, target = self._traced(decided.source), self._traced(decided.target)
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
-    def _asked(self, decided: _Decided) -> Asked:
+    def _asked(self, decided: Decided) -> Asked:
         views = decided.source.view, decided.target.view
         source, target = map(self._views.described, views)
         return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
@@ -173,7 +137,7 @@ class DonMatcher:
         shapes = [None if each.view.mask is None else self._traced(each).shape for each in seen]
         return mask_remarks(*shapes)
 
-    def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
+    def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
         unmasked = source.mask is None or target.mask is None
@@ -187,7 +151,7 @@ class DonMatcher:
                 either_way=found.either_way,
             ).where(found.deciding if found.traced is None else found.log_p, found.uv_px)
         position = self.decoded(found, in_view.view)
-        return _Decided(from_view, in_view, found, calibration, position)
+        return Decided(from_view, in_view, found, calibration, position)
 
     def segmented(self, view: Frame) -> Frame:
         """Return a view without masks with those that are found in its picture, if any."""
@@ -199,7 +163,7 @@ class DonMatcher:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         return self.segmented(view).mask
 
-    def _answers(self, decided: _Decided) -> Answers:
+    def _answers(self, decided: Decided) -> Answers:
         """Return what the distribution says of the queries, in pixels of the target as seen."""
         found, calibration = decided.found, decided.calibration
         log_p, uv = found.log_p, found.uv_px

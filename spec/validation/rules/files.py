@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pliant.spec.dataset import check_version
 from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import parse_json, schema_errors
@@ -18,6 +17,7 @@ from pliant.spec.io.reading import (
     read_bytes,
     sha256_file,
 )
+from pliant.spec.opening import check_version
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.structure import list_folder, printable, report_extra

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from pliant.spec.dataset import is_name
 from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.opening import is_name
 from pliant.spec.storage import layout
 from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
 from pliant.spec.storage.manifest import read_checksums

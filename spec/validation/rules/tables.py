@@ -12,10 +12,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pliant.spec.dataset import check_version
 from pliant.spec.io.jsonfiles import is_newer_minor, schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_columns import column_problem, load_batches, load_columns
+from pliant.spec.opening import check_version
 from pliant.spec.tables import TABLES
 from pliant.spec.validation.findings import FileProblems
 

@@ -23,8 +23,9 @@ from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Decode, Widths, decode_position, mixture_of_modes
-from pliant.models.don.matcher import DonMatcher, Search
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
+from pliant.models.don.search import Search
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network

@@ -1,0 +1,51 @@
+"""What the matcher knows of queries, before and after it decides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.baselines.tracing import Reframed
+from pliant.models.don.certainty import Calibration
+from pliant.models.don.comparison import Comparison
+from pliant.models.don.tracing import TracedPlaces
+
+
+@dataclass(frozen=True)
+class Search(Comparison):
+    """What the matcher knows of N queries before it decides.
+
+    Attributes:
+        traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
+        deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
+            where `log_p` is the mean of both, or one side of a cloth.
+    """
+
+    traced: TracedPlaces | None
+    deciding: torch.Tensor
+
+    @property
+    def either_way(self) -> bool:
+        """Whether they are on a rope whose ends look alike."""
+        return self.traced is not None and self.traced.other_way_px is not None
+
+
+@dataclass(frozen=True)
+class Decided:
+    """The one distribution that answers, their widths, the heat map and the confidence come from.
+
+    Attributes:
+        source, target: The views as they are answered in.
+        found: What was found in them.
+        calibration: What holds for them, or None for a network without one.
+        position_px: float64 (N, 2), the answers, in pixels of the target as seen.
+    """
+
+    source: Reframed
+    target: Reframed
+    found: Search
+    calibration: Calibration | None
+    position_px: npt.NDArray[np.float64]
