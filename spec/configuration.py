@@ -287,4 +287,6 @@ def _hint_at(cls: type[Settings], place: Sequence[Any]) -> Any:
 def _default(cls: type[Settings], place: Sequence[Any]) -> Any:
     """Return the default of the field at a place, None where it has none."""
     field = getattr(_hint_at(cls, place[:-1]), "model_fields", {}).get(str(place[-1]))
-    return None if field is None else settings_to_dict(field.get_default())
+    if field is None or field.is_required():
+        return None
+    return settings_to_dict(field.get_default(call_default_factory=True))

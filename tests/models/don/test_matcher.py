@@ -260,8 +260,8 @@ def test_modes_by_hand(
     line = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
     found, used = mixture_of_modes(likely(weights), line, widths, radius_px)
     shown = found[0][used[0]].numpy()
-    np.testing.assert_allclose(shown[:, [0, 2, 3]], modes, atol=1e-5)
-    np.testing.assert_allclose(shown[:, 1], 0.5, atol=1e-5)
+    np.testing.assert_allclose(shown[:, [0, 2, 3]], modes, atol=1e-4)
+    np.testing.assert_allclose(shown[:, 1], 0.5, atol=1e-4)
 
 
 def test_the_blur_of_the_target_comes_off() -> None:
