@@ -24,7 +24,6 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
-_PIXELS_AT_ONCE = 1024  # their probabilities over the anchors fit into the processor's cache
 
 
 @dataclass(frozen=True)
@@ -157,11 +156,9 @@ class ViewDescriber:
         image, mask, _ = self._image(view)
         with torch.inference_mode():
             upright = self.network(self._turned(image, 0))[0].cpu()
-            rows = DescribedView([upright], None, mask, None).on_object()
-            parts = torch.from_numpy(rows).split(_PIXELS_AT_ONCE)
-            scale = self.network.scale.cpu()
-            best = [head.log_probabilities(part, scale).max(dim=1).values for part in parts]
-        return float(torch.cat(best).mean())
+        rows = torch.from_numpy(DescribedView([upright], None, mask, None).on_object())
+        parts = head.log_probabilities_in_parts(rows, self.network.scale.detach().cpu())
+        return float(torch.cat([part.max(dim=1).values for part in parts]).mean())
 
     def _describe(self, view: Frame) -> DescribedView:
         image, mask, objects = self._image(view)
@@ -199,12 +196,12 @@ class ViewDescriber:
         head = self.network.canonical
         if head is None:
             return torch.ones(sparse.shape[1:])
-        with torch.inference_mode():
-            rows, scale = sparse.flatten(1).T, self.network.scale.cpu()
-            in_first = head.anchors[:, 0] < FIRST_SHARE
-            parts = rows.split(_PIXELS_AT_ONCE)
-            p = [head.log_probabilities(part, scale)[:, in_first].exp().sum(1) for part in parts]
-            return torch.cat(p).view(*sparse.shape[1:])
+        in_first = head.anchors[:, 0] < FIRST_SHARE
+        parts = head.log_probabilities_in_parts(
+            sparse.flatten(1).T, self.network.scale.detach().cpu()
+        )
+        p = [part[:, in_first].exp().sum(1) for part in parts]
+        return torch.cat(p).view(*sparse.shape[1:])
 
     def _out(self, image: npt.NDArray[np.float32]) -> NetworkOutput:
         """Return all that the network puts out for an image without masks."""

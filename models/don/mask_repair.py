@@ -59,7 +59,8 @@ def repaired(
     )
     if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
         return None
-    # The ball found in the picture may lie beside the given one; its pixels are not rope.
+    # Pixels of the ball found in the picture are not added to the rope, also where the given ball
+    # is in another place.
     added = seen if objects is None else found[0]
     rope = added & _near(shown, _REACH_PX * px) | mask & known
     if objects is None:

@@ -30,7 +30,6 @@ from pliant.spec.configuration import settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
 
-_PIXELS_AT_ONCE = 4096
 _NEAR_ANSWER = 2.0  # pixels of the network
 
 
@@ -154,10 +153,8 @@ class DonMatcher:
         return Decided(from_view, in_view, found, calibration, position)
 
     def segmented(self, view: Frame) -> Frame:
-        """Return a view without masks with those that are found in its picture, if any."""
-        if self.reader.finds_masks:
-            return self._views.segmented(view)
-        return self._views.foreground(view)
+        """Return a view with masks found in its picture, see `RopeReader.masked`."""
+        return self.reader.masked(view)
 
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
@@ -331,11 +328,10 @@ class DonMatcher:
         if head is None:
             return None
         descriptors = self._views.described(view).maps[0]
-        with torch.inference_mode():
-            rows = descriptors.flatten(1).T.split(_PIXELS_AT_ONCE)
-            scale = self.network.scale.detach().cpu()
-            best = torch.cat([head.log_probabilities(part, scale).argmax(dim=1) for part in rows])
-            return head.anchors[best].view(*descriptors.shape[1:], 2).cpu().numpy()
+        scale = self.network.scale.detach().cpu()
+        parts = head.log_probabilities_in_parts(descriptors.flatten(1).T, scale)
+        best = torch.cat([part.argmax(dim=1) for part in parts])
+        return head.anchors[best].view(*descriptors.shape[1:], 2).cpu().numpy()
 
     def working_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""

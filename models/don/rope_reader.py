@@ -77,12 +77,21 @@ class RopeReader:
         """Whether it finds a rope's masks itself where a picture comes without."""
         return self._settings.decode == "trace" and self._views.segments
 
+    def masked(self, view: Frame) -> Frame:
+        """Return a view with masks found in its picture, where it has none.
+
+        Masks of a rope that do not follow the picture's contours are corrected. Where nothing is
+        found, or the network predicts no masks, the view stays as it is.
+        """
+        if self._settings.decode == "trace":
+            return self._views.segmented(view)
+        return self._views.foreground(view)
+
     def seen(self, view: Frame) -> Reframed:
         """Return a view as it is answered in: not too small; a rope's from above, with masks."""
 
         def prepared() -> Reframed:
-            rope = self._settings.decode == "trace"
-            masked = self._views.segmented(view) if rope else self._views.foreground(view)
+            masked = self.masked(view)
             seen = self._from_above(masked)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
             seen = seen if shown is None else upright(seen, shown)

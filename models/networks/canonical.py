@@ -16,6 +16,7 @@ Every visible point supervises its own image, with no pair of images.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -24,6 +25,8 @@ import torch
 from torch import nn
 
 from pliant.spec.model import MaterialObject
+
+_AT_ONCE: Final = 1024  # their probabilities over the anchors fit into the processor's cache
 
 PREFIX: Final = "canonical."
 """How the names of the head's tensors begin in a network's state dictionary."""
@@ -108,6 +111,20 @@ class CanonicalHead(nn.Module):
         """
         squared = torch.cdist(descriptors, self.embeddings()).square()
         return (-scale * squared).log_softmax(dim=-1)
+
+    def log_probabilities_in_parts(
+        self, descriptors: torch.Tensor, scale: torch.Tensor
+    ) -> Iterator[torch.Tensor]:
+        """Yield `log_probabilities` of a few descriptors at a time, without gradients.
+
+        Args:
+            descriptors: float (N, D).
+            scale: Scalar, inverse temperature.
+        """
+        for part in descriptors.split(_AT_ONCE):
+            with torch.inference_mode():
+                log_p = self.log_probabilities(part, scale)
+            yield log_p
 
     def squared_distance_m2(self, material: torch.Tensor) -> torch.Tensor:
         """Return squared distances on the material to the anchors, m^2.
