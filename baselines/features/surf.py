@@ -111,13 +111,13 @@ class MahotasSurf:
         """Describe mahotas' points, (N, 5), well centred and at whole scales: float32 (N, 64)."""
         if len(points) == 0:
             return np.zeros((0, 64), dtype=np.float32)
-        mended = points.copy()
-        mended[:, _SCALE] = np.maximum(np.rint(points[:, _SCALE]), 1)
+        placed = points.copy()
+        placed[:, _SCALE] = np.maximum(np.rint(points[:, _SCALE]), 1)
         # mahotas leaves out points whose window crosses the edge: give every window room.
-        room = int(16 * mended[:, _SCALE].max()) + 2
-        mended[:, [_X, _Y]] += MAHOTAS_OFF_CENTRE_PX + room
+        room = int(16 * placed[:, _SCALE].max()) + 2
+        placed[:, [_X, _Y]] += MAHOTAS_OFF_CENTRE_PX + room
         padded = np.pad(grey, room, mode="edge")
-        rows = self._surf.descriptors(padded, mended, descriptor_only=True)
+        rows = self._surf.descriptors(padded, placed, descriptor_only=True)
         if len(rows) != len(points):
             raise RuntimeError(f"mahotas described {len(rows)} of {len(points)} positions")
         descriptors: npt.NDArray[np.float32] = rows.astype(np.float32)

@@ -50,7 +50,7 @@ def estimate_run(
         open_maker: What makes the trial sequences, picklable; None renders them.
 
     Raises:
-        CallError: There is no worker.
+        CallError: The number of workers is less than 1.
         MissingExtraError: Numba, or for its styles Blender, is not installed.
         GenerationError: A trial sequence cannot be made.
     """

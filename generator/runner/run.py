@@ -260,7 +260,7 @@ def check_call(config: GenerateConfig, workers: int, open_maker: OpenMaker | Non
     """Refuse a call without workers, or without the packages that render a style.
 
     Raises:
-        CallError: There is no worker.
+        CallError: The number of workers is less than 1.
         MissingExtraError: Numba, or for its styles Blender, is not installed.
     """
     if workers < 1:

@@ -35,7 +35,7 @@ def view(*pixels: tuple[int, int], key: str = "") -> Frame:
     ("control", "pixels", "expected"),
     [
         (Identity(), [], QUERIES.tolist()),
-        (MaskCentroid(), [(0, 0), (0, 4), (3, 2)], [[2.5, 1.5]] * 3),  # beside the object
+        (MaskCentroid(), [(0, 0), (0, 4), (3, 2)], [[2.5, 1.5]] * 3),  # not one of them
         (RandomInMask(), [], [[25, 20]] * 3),  # without an object the image's centre
     ],
 )

@@ -22,7 +22,7 @@ from pliant.generator.objects.cloth.contact_pbd import Layers, PairContact, Pair
         ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0.3,0", (1, 1), 0.5, "-0.2,0.2,0 0.8,0.4,0"),
         # With 1.0 it could take 0.4: the slip ends, and does not turn round.
         ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0.3,0", (1, 1), 1.0, "-0.2,0.15,0 0.8,0.45,0"),
-        # A common motion is no slip.
+        # Both masses move alike along y: no slip, so no friction.
         ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0,0", (1, 1), 1.0, "-0.2,0.3,0 0.8,0.3,0"),
     ],
 )

@@ -59,7 +59,7 @@ def test_a_configuration_is_possible(drawn: Drawn) -> None:
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         assert steps.sum() == pytest.approx(settings.length_m, rel=1e-3)
         assert steps.min() > 0.99 * steps.mean()
-        # It lies on the table within the workspace.
+        # It touches the table, and all of it is inside the workspace.
         assert settings.radius_m * (1 - 1e-5) <= line[:, 2].min() < settings.radius_m * 1.01
         assert line[:, 2].max() < 5 * diameter
         assert (np.abs(line[:, :2]) < half).all()
