@@ -18,6 +18,7 @@ from record import Value, cpu_s, main
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.episode import Episode
@@ -55,8 +56,8 @@ def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -
 
 
 def _hanging(points: int, contact: bool) -> Simulator:
-    sheet = Sheet(side=points)
-    start = flat_positions(points, 1.0)
+    sheet = Sheet(grid=GridShape(points, points))
+    start = flat_positions(sheet.grid, 1.0)
     colliders = (PairContact.of(sheet, sheet.spacing_m).collide,) if contact else ()
     simulator = Simulator(sheet, start, gravity=GRAVITY, colliders=colliders)
     simulator.free[[0, points - 1]] = 0.0

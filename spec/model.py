@@ -136,6 +136,9 @@ SQUARE_MIRRORS: Final = (
 )
 """With the identity, these and the rotations map the unit square onto itself."""
 
+RECTANGLE_SYMMETRIES: Final = (SQUARE_ROTATIONS[1], *SQUARE_MIRRORS[:2])
+"""With the identity, these map a rectangle onto itself whose sides along u and v differ."""
+
 
 @dataclass(frozen=True)
 class Tier:

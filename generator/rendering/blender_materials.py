@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.rendering.blender import add_image
-from pliant.generator.rendering.materials import FIBRES_PER_M, cloth_images
+from pliant.generator.rendering.materials import FIBRES_PER_M, Image
 from pliant.generator.scene.appearance import Appearance
 
 PLACE: Final = "pliant_place"
@@ -20,16 +20,19 @@ COLOUR: Final = "pliant_colour"
 """Vertex attribute: reflectance of a strand or of the ball."""
 
 
-def surface_material(name: str, appearance: Appearance, kind: str) -> Any:
+def surface_material(
+    name: str, appearance: Appearance, kind: str, woven: tuple[Image, Image]
+) -> Any:
     """Make the material of a part.
 
     Args:
         name: Its name.
         appearance: The appearance.
         kind: `rope`, `ball` or `cloth`.
+        woven: A cloth's front and back, as in `Materials`.
     """
     material, tree = _new_material(name)
-    colour = _colour(tree, appearance, kind)
+    colour = _colour(tree, appearance, kind, woven)
     if appearance.specular < 0.02:
         shader = _node(tree, "BsdfDiffuse", {"Color": colour})
     else:
@@ -78,9 +81,9 @@ def _node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, **setti
     return node
 
 
-def _colour(tree: Any, appearance: Appearance, kind: str) -> Any:
+def _colour(tree: Any, appearance: Appearance, kind: str, woven: tuple[Image, Image]) -> Any:
     if kind == "cloth":
-        front, back = cloth_images(appearance)
+        front, back = woven
         place = _attribute(tree, PLACE)
         first = _image(tree, "front", front, place)
         if front is back or np.array_equal(front, back):

@@ -99,7 +99,7 @@ class CyclesRenderer:
                 part.rest,
                 part.faces,
                 {PLACE: surfaces.place[rows], COLOUR: surfaces.colour[rows]},
-                surface_material(part.name, appearance, kind),
+                surface_material(part.name, appearance, kind, (surfaces.front, surfaces.back)),
                 part.object_id,
             )
             self._objects.append(made)

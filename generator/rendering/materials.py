@@ -20,7 +20,7 @@ from pliant.spec.arrays import FloatArray
 Image = npt.NDArray[np.float32]
 
 WEAVE_THREADS = 96
-"""Periods of the weave along a side of the cloth."""
+"""Periods of the weave along u; along v as many as give threads of about the same width."""
 
 _STRIPE = (0.72, 0.84)
 """Where a towel's stripe across u begins and ends."""
@@ -29,7 +29,7 @@ _SIDE_STRIPE = (0.14, 0.21)
 """Where its stripe along one side, across v, begins and ends."""
 
 _HEM = 0.03
-"""Width of a towel's hem, in sides."""
+"""Width of a towel's hem over its length along u."""
 
 
 @inlined
@@ -115,30 +115,34 @@ def table_reflectance(table: TableAppearance, xy_m: FloatArray) -> FloatArray:
     return np.clip(colour * factors[:, None], 0.0, 0.95)
 
 
-def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Image]:
+def cloth_images(
+    appearance: Appearance, proportion: float = 1.0, width: int = 768
+) -> tuple[Image, Image]:
     """Return what is woven into a cloth, front and back.
 
     Args:
         appearance: The appearance of a cloth sequence.
-        side_px: Width and height of the images.
+        proportion: The cloth's length along v over its length along u.
+        width: Width of the images, px.
 
     Returns:
-        Two float32 (side_px, side_px, 3) images of linear reflectance; row k is
-        v = (k + 0.5) / side_px, column k is u = (k + 0.5) / side_px.
+        Two float32 (height, width, 3) images of linear reflectance, as high as the proportion says;
+        row k is v = (k + 0.5) / height, column k is u = (k + 0.5) / width.
     """
     ground, second, third = (np.asarray(colour) for colour in appearance.cloth_colours)
-    place = (np.arange(side_px) + 0.5) / side_px
-    u, v = np.meshgrid(place, place)
-    front = np.broadcast_to(ground, (side_px, side_px, 3)).astype(np.float64)
+    height = round(width * proportion)
+    u, v = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
+    front = np.broadcast_to(ground, (height, width, 3)).astype(np.float64)
     back = np.broadcast_to(np.asarray(appearance.back_colour), front.shape).astype(np.float64)
     if appearance.pattern == "towel":
         end = (u > _STRIPE[0]) & (u < _STRIPE[1])
         stripe = end | ((v > _SIDE_STRIPE[0]) & (v < _SIDE_STRIPE[1]))
-        hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.5 - _HEM
+        hem = (np.abs(u - 0.5) > 0.5 - _HEM) | (np.abs(v - 0.5) > 0.5 - _HEM / proportion)
         front[stripe], back[stripe] = second, ground
         front[hem] = back[hem] = third
-    # Even in u and in v and under their exchange, about the middle too.
-    weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * WEAVE_THREADS * v)
+    # Even in u and in v, about the middle too, and on a square under their exchange.
+    across = round(WEAVE_THREADS * proportion)
+    weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * across * v)
     shade = (1.0 - appearance.weave_contrast * (0.5 - 0.5 * weave))[..., None]
     return (front * shade).astype(np.float32), (back * shade).astype(np.float32)
 
@@ -159,8 +163,8 @@ class Materials(NamedTuple):
         crevice: float64 (V,), share of the sky left in the gaps between strands.
         place: float64 (V, 3), where the fibres' noise or the cloth's image is read.
         two_faced: uint8 (F,), 1 where the back can be seen.
-        front: float32 (T, T, 3), the cloth's front.
-        back: float32 (T, T, 3), its back.
+        front: float32 (H, W, 3), the cloth's front.
+        back: float32 (H, W, 3), its back.
         fibre_contrast: Strength of the mottling.
         specular: Strength of highlights.
     """
@@ -195,7 +199,7 @@ def materials(scene_object: SceneObject, mesh: SceneMesh, appearance: Appearance
         elif scene_object.kind == "cloth":
             surface[faces] = WOVEN
             place[rows, :2] = part.chart(part.rest)
-            front, back = cloth_images(appearance)
+            front, back = cloth_images(appearance, scene_object.proportion)
         else:
             colour[rows] = appearance.ball_colour
     return Materials(

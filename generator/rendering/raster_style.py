@@ -198,9 +198,9 @@ def _woven(
     image: npt.NDArray[np.float32], place: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Return the colour of a place on a cloth."""
-    side = image.shape[0]
-    u = min(max(int(place[0] * side), 0), side - 1)
-    v = min(max(int(place[1] * side), 0), side - 1)
+    height, width = image.shape[0], image.shape[1]
+    u = min(max(int(place[0] * width), 0), width - 1)
+    v = min(max(int(place[1] * height), 0), height - 1)
     return float(image[v, u, 0]), float(image[v, u, 1]), float(image[v, u, 2])
 
 

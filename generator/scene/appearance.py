@@ -4,8 +4,8 @@ An appearance holds nothing but numbers and names, so that it can be kept in `se
 styles render the same appearance. Colours are linear RGB reflectances.
 
 An appearance never breaks a symmetry that its tier declares: a rope's odd strand is strand 0, on
-which the reversal lands again; a plain cloth is woven alike under the eight maps of the
-square. Patterns are on the material in the same place in every
+which the reversal lands again; a plain cloth is woven alike under the maps of its square or
+rectangle. Patterns are on the material in the same place in every
 sequence of a tier; only their colours change.
 """
 

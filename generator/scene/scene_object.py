@@ -108,11 +108,12 @@ class SceneObject:
         parts: The objects, the queried one first.
         points: The named material points.
         pose: frame index -> Pose; called once per frame in ascending order.
-        size_m: A length for framing the camera: rope length, or cloth side, metres.
+        size_m: Rope length, or the cloth's length along u, metres.
         thickness_m: Rope diameter or cloth thickness, metres.
         info: JSON-able parameters kept in `sequence.json` (control points, handles, actions …).
         variant: Appearance that the tier's symmetry depends on (`plain`,
             or a cloth's `towel`).
+        proportion: A cloth's length along v over its length along u.
     """
 
     tier: str
@@ -127,6 +128,7 @@ class SceneObject:
     thickness_m: float
     info: Mapping[str, Any] = field(default_factory=dict)
     variant: str = "plain"
+    proportion: float = 1.0
 
 
 def quads(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
 from pydantic import model_validator
 
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Range, Refused, Share
 
@@ -31,6 +32,9 @@ structural and shear springs adding up to 8 ks / m, is stable below 0.5."""
 
 _FRAMES_PER_SECOND: Final = 30
 
+_CLOSE: Final = 0.1
+"""Share by which a cloth's proportion may differ from the setting."""
+
 
 class ClothSettings(Settings):
     """How a cloth is made, shaped and handed on.
@@ -40,13 +44,16 @@ class ClothSettings(Settings):
             the end of the tier's name (`cloth-2`), and 2 for the tier `towel`.
         variant: `plain` (one colour), or `towel` (a hem and two stripes; the tier `towel` always
             has it).
-        side_m: Side of the square, metres.
-        points_a_side: Point masses along a side.
+        side_m: Length along u, metres.
+        proportion: Length along v over the length along u; 1 is a square. It is rounded so that all
+            points have one spacing: with the other defaults to a sixteenth. `metres_per_unit` of
+            the tier is exact.
+        points_a_side: Point masses along u.
         doublings: How often the simulated cells are halved for rendering.
         smoothing: How far a mass goes towards the average of its neighbours before the rendered
             surface is laid through it, 0 to 1; it takes out the dimples of the contact.
-        tracked_a_side: Named material points along a side; its steps must divide the
-            rendered grid's.
+        tracked_a_side: Named material points along u; its steps must divide the rendered
+            grid's.
         thickness_m: Thickness of the cloth; a cloth on the table is at half of it.
         contact_spacings: Distance at which two layers touch, in spacings of the masses.
         density: kg/m².
@@ -66,6 +73,7 @@ class ClothSettings(Settings):
     level: Annotated[int, Bounds(1, 3)] | None = None
     variant: Variant = "plain"
     side_m: Annotated[float, Bounds(0.05, 5)] = 0.6
+    proportion: Annotated[float, Bounds(0.4, 2.5)] = 1.0
     points_a_side: Annotated[int, Bounds(9, 257)] = 81
     doublings: Annotated[int, Bounds(0, 3)] = 1
     smoothing: Share = 1.0
@@ -94,21 +102,68 @@ class ClothSettings(Settings):
             raise Refused(
                 f"a divisor of the {self.render_cells} rendered cells, plus 1", "tracked_a_side"
             )
-        if self.thickness_m > 0.05 * self.side_m:
-            raise Refused(f"at most side_m / 20 = {0.05 * self.side_m:g}", "thickness_m")
+        if abs(self.grid.proportion - self.proportion) > _CLOSE * self.proportion:
+            step = self._row_step / (self.points_a_side - 1)
+            raise Refused(
+                f"a multiple of {step:g}, or a number within {_CLOSE:.0%} of one",
+                "proportion",
+                "Raise tracked_a_side: the tracked points have the same spacing along u and v",
+            )
+        thickest_m = 0.05 * min(self.side_m, self.length_v_m)
+        if self.thickness_m > thickest_m:
+            raise Refused(f"at most 1/20 of the shorter side: {thickest_m:g}", "thickness_m")
         if self.coverage_band is not None and self.coverage_band[0] == self.coverage_band[1]:
             raise Refused("[low, high] with low < high", "coverage_band")
         return self
 
     @property
     def render_cells(self) -> int:
-        """Cells along a side of the rendered grid."""
+        """Cells of the rendered grid along u."""
         return (self.points_a_side - 1) << self.doublings
 
     @property
     def render_a_side(self) -> int:
-        """Vertices along a side of the rendered grid."""
+        """Vertices of the rendered grid along u."""
         return self.render_cells + 1
+
+    @property
+    def tracked_every(self) -> int:
+        """Cells of the rendered grid from one tracked point to the next, along u and along v."""
+        return self.render_cells // (self.tracked_a_side - 1)
+
+    @property
+    def _row_step(self) -> int:
+        """Rows of masses after which a tracked point is again on a row of the rendered grid."""
+        return self.tracked_every // math.gcd(self.tracked_every, 1 << self.doublings)
+
+    @property
+    def grid(self) -> GridShape:
+        """The masses: as many rows as fit the proportion best and end at a tracked point."""
+        cells = self.points_a_side - 1
+        steps = max(1, round(self.proportion * cells / self._row_step))
+        return GridShape(steps * self._row_step + 1, self.points_a_side)
+
+    @property
+    def render_grid(self) -> GridShape:
+        """The rendered vertices."""
+        rows, columns = self.grid
+        return GridShape(((rows - 1) << self.doublings) + 1, ((columns - 1) << self.doublings) + 1)
+
+    @property
+    def tracked_grid(self) -> GridShape:
+        """The tracked points: every `tracked_every`-th rendered vertex of a row and a column."""
+        rows = (self.render_grid.rows - 1) // self.tracked_every + 1
+        return GridShape(rows, self.tracked_a_side)
+
+    @property
+    def length_v_m(self) -> float:
+        """Length along v, metres: of the grid, not of the proportion that was asked for."""
+        return self.side_m * self.grid.proportion
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the flat cloth."""
+        return self.side_m**2 * self.grid.proportion
 
     def level_of(self, tier: str) -> int:
         """Return the level of a tier: the setting's, else the digit that ends its name."""
@@ -122,7 +177,7 @@ class ClothSettings(Settings):
         """Return the simulator's settings: the step follows from stiffness and mass."""
         from pliant.generator.objects.cloth.simulator import Sheet  # brings numba
 
-        mass_kg = self.density * self.side_m**2 / self.points_a_side**2
+        mass_kg = self.density * self.area_m2 / self.grid.vertices
         steps_per_frame = math.ceil(
             math.sqrt(self.ks / (_STABILITY * mass_kg)) / _FRAMES_PER_SECOND
         )
@@ -130,7 +185,7 @@ class ClothSettings(Settings):
         spacing_m = self.side_m / (self.points_a_side - 1)
         kept_per_step = (1.0 - self.damping_percent / 100.0) ** (2700.0 / steps_per_second)
         return Sheet(
-            side=self.points_a_side,
+            grid=self.grid,
             side_m=self.side_m,
             density=self.density,
             ks=self.ks,

@@ -65,6 +65,7 @@ class Rope:
     kind: Literal["rope"] = "rope"
     tier = "rope"
     variant = "plain"
+    proportion = 1.0
 
     def __init__(
         self,
@@ -161,10 +162,10 @@ class Rope:
 
 
 class Cloth:
-    """A square cloth that lies flat on the table, its middle over the origin.
+    """A cloth that lies flat on the table, its middle over the origin.
 
     Args:
-        side_m: Length of a side.
+        side_m: Length along u; along v it is the same unless `settings` has a `proportion`.
         towel: With hems and stripes, so that every corner is another one; else of one colour.
         seed: Of the unevenness without which nothing wrinkles.
         settings: More fields of the setting `cloth`, such as `{"points_a_side": 81}`.
@@ -191,6 +192,7 @@ class Cloth:
         self.settings = settings_from(ClothSettings, {**values, **settings})
         self.parts, self.points = cloth_parts(self.settings)
         self.size_m, self.thickness_m = self.settings.side_m, self.settings.thickness_m
+        self.proportion = self.settings.grid.proportion
         self._handling = Handling(self.settings, np.random.default_rng(seed))
 
     def pull(
@@ -209,12 +211,15 @@ class Cloth:
             lift_m: How high on the way.
             each: Called after every frame of time (30 a second).
         """
-        last = self.settings.points_a_side - 1
-        column, row = (round(min(max(share, 0.0), 1.0) * last) for share in uv)
+        grid = self.settings.grid
+        column, row = (
+            round(min(max(share, 0.0), 1.0) * (count - 1))
+            for share, count in zip(uv, (grid.columns, grid.rows), strict=True)
+        )
         speed = self.settings.hand_speed_m_s
-        vertex = row * (last + 1) + column
+        vertex = row * grid.columns + column
         action = Action("pull", vertex, (carry[0], carry[1]), lift_m, lift_m / 2, speed)
-        self._handling.record.append(action.record(last + 1))
+        self._handling.record.append(action.record(grid))
         every = self._handling.simulator.sheet.steps_per_frame
         for step, _ in enumerate(perform(self._handling.simulator, action), start=1):
             if each is not None and step % every == 0:
@@ -226,7 +231,7 @@ class Cloth:
         Args:
             shape: Returns (x, y, z) in metres, three arrays like the u and v that it is given.
         """
-        u, v = (self._handling.simulator.rest[:, axis] / self.size_m for axis in (0, 1))
+        u, v = (self._handling.simulator.rest[:, :2] / self._handling.lengths_m).T
         self._handling.simulator.place(np.stack(np.broadcast_arrays(*shape(u, v)), axis=1))
 
     def settle(self, seconds: float | None = None, *, each: Each | None = None) -> None:

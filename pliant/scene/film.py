@@ -149,6 +149,7 @@ class Film:
             thickness_m=body.thickness_m,
             info={body.kind: settings_to_dict(body.settings)},
             variant=body.variant,
+            proportion=body.proportion,
         )
         rng = np.random.default_rng(seed)
         self.view = view or sample_camera(

@@ -71,6 +71,9 @@ REFUSED = {
     "cloth.tracked_a_side=34": "cloth.tracked_a_side",  # 160 cells do not divide by 33
     "cloth.tracked_a_side=200": "cloth.tracked_a_side",  # more points than the mesh has
     "cloth.thickness_m=0.2": "cloth.thickness_m",
+    "cloth.thickness_m=0.02 cloth.proportion=0.5": "cloth.thickness_m",  # of 0.3 m
+    "cloth.proportion=0.3": "cloth.proportion",
+    "cloth.proportion=0.7 cloth.tracked_a_side=3": "cloth.proportion",  # tracked every 0.3 m
     "cloth.coverage_band=[0.4,0.4]": "cloth.coverage_band",
     "cloth.contact_spacings=0.5": "cloth.contact_spacings",
     "cloth.hand_speed_m_s=3.5": "cloth.hand_speed_m_s",
@@ -86,6 +89,7 @@ SENTENCES = {
     "style=raster depth_camera={}": 'found "raster"; required: real-depth',
     "style=real-depth depth_camera.holes=3": "unknown setting",
     LONG_KNOT: "longer than the rope",
+    "cloth.proportion=0.7 cloth.tracked_a_side=3": "a multiple of 0.5, or a number within 10% of",
 }
 
 

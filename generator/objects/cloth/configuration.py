@@ -29,7 +29,7 @@ class Configuration:
     Attributes:
         handling: The cloth, calm, with the record of what was done to it.
         placement: Where it is in the world.
-        vertices: float64 (render_a_side², 3), the rendered surface in the world, metres.
+        vertices: float64 (V, 3), the rendered surface in the world, metres.
         info: JSON-able facts: coverage, hidden material, actions, tries.
     """
 
@@ -93,8 +93,8 @@ def _try_configuration(
     vertices, pierced = render_vertices(settings, placement.apply(positions))
     if pierced:
         return "pokes through itself"
-    grid = grid_faces(settings.render_a_side)
-    if underside is not None and shows_underside(vertices, grid) != underside:
+    faces = grid_faces(settings.render_grid)
+    if underside is not None and shows_underside(vertices, faces) != underside:
         return "the other side is up"
     cover = cover_of(settings, vertices)
     if not band[0] <= cover.coverage <= band[1]:

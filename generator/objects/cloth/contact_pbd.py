@@ -100,7 +100,7 @@ class PairContact:
             friction: Coulomb's coefficient between layers.
         """
         step_m = sheet.spacing_m
-        rest = flat_positions(sheet.side, sheet.side_m)
+        rest = flat_positions(sheet.grid, sheet.side_m)
         return cls(
             rest, Layers(distance_m, friction, FRICTIONLESS_STEPS * step_m, MARGIN_STEPS * step_m)
         )

@@ -30,7 +30,7 @@ REST_FRAMES: Final = (6, 15)
 """Frames (fewest, most) in which the hand is away between two actions."""
 
 LARGEST_REACH: Final = 0.55
-"""The hand stays within this many sides of the place where the cloth started."""
+"""The hand stays within this share of the cloth's lengths of the place where the cloth started."""
 
 _CHOICES: Final = 8
 
@@ -111,7 +111,7 @@ class Episode:
             moments = self._frames(action, number, rest)
             if moments is not None:
                 if action is not None:
-                    facts = action.record(self._settings.points_a_side)
+                    facts = action.record(self._settings.grid)
                     self._actions.append({"index": number, **facts})
                 self._waiting.extend(moments)
                 return
@@ -162,7 +162,7 @@ class Episode:
             lift, lower = rng.uniform(0.08, 0.2), 0.7
         elif rng.random() < 0.35:
             name = "drop"
-            xy = cloth.middle() + rng.uniform(-0.2, 0.2, 2) * cloth.side_m
+            xy = cloth.middle() + rng.uniform(-0.2, 0.2, 2) * cloth.lengths_m
             vertex = cloth.top_vertex(xy)
             carry = cloth.anywhere() * rng.uniform(0.05, 0.25)
             lift, lower = rng.uniform(0.2, 0.5), rng.uniform(0.1, 0.6)
@@ -171,15 +171,15 @@ class Episode:
             carry = cloth.inwards(vertex, 0.6) * rng.uniform(0.2, 0.5)
             lift, lower = rng.uniform(0.1, 0.25), 0.5
         picked = cloth.simulator.positions[vertex, :2]
-        reach = LARGEST_REACH * cloth.side_m
-        target = np.clip(picked + carry * cloth.side_m, self._home - reach, self._home + reach)
+        reach = LARGEST_REACH * cloth.lengths_m
+        target = np.clip(picked + carry * cloth.scale_m, self._home - reach, self._home + reach)
         return cloth.action(name, vertex, target - picked, lift, lower)
 
     def _rim_vertex(self) -> int:
         """Return a corner now and then, else an uppermost mass far from the middle."""
         cloth, rng = self._handling, self._rng
         if rng.random() < 0.4:
-            return int(rng.choice(corner_vertices(cloth.side)))
+            return int(rng.choice(corner_vertices(cloth.grid)))
         direction = cloth.anywhere()
         offsets = cloth.simulator.positions[:, :2] - cloth.middle()
         outermost = int(portable.product(offsets, direction[:, None]).argmax())

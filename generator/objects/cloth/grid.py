@@ -1,6 +1,6 @@
-"""The square grid of a cloth: its triangles, its edges and its symmetric vertices.
+"""The grid of a cloth: its triangles, its edges and its symmetric vertices.
 
-Vertices are numbered row by row: vertex `row * side + column`. A column is a step of u and a row
+Vertices are numbered row by row: vertex `row * columns + column`. A column is a step of u and a row
 a step of v.
 """
 
@@ -11,28 +11,30 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.scene.scene_object import IntArray, quads
 from pliant.spec.arrays import FloatArray
 
 
-def grid_faces(side: int) -> IntArray:
+def grid_faces(grid: GridShape) -> IntArray:
     """Return the two triangles of every cell, wound so that a flat sheet faces up.
 
     Args:
-        side: Vertices along a side, >= 2.
+        grid: The vertices.
 
     Returns:
-        int32 (2 * (side - 1)**2, 3), vertex indices.
+        int32 (2 * (rows - 1) * (columns - 1), 3), vertex indices.
     """
-    row, column = np.meshgrid(np.arange(side - 1), np.arange(side - 1), indexing="ij")
-    corner = (row * side + column).ravel()
-    return quads(corner, corner + 1, corner + side + 1, corner + side)
+    rows, columns = grid
+    row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
+    corner = (row * columns + column).ravel()
+    return quads(corner, corner + 1, corner + columns + 1, corner + columns)
 
 
 @lru_cache(maxsize=8)
-def grid_mesh(side: int) -> tuple[IntArray, IntArray]:
+def grid_mesh(grid: GridShape) -> tuple[IntArray, IntArray]:
     """Return the triangles of a grid and their edges; shared, so read-only."""
-    faces = grid_faces(side)
+    faces = grid_faces(grid)
     edges = triangle_edges(faces)
     faces.setflags(write=False)
     edges.setflags(write=False)
@@ -46,42 +48,46 @@ def triangle_edges(faces: IntArray) -> IntArray:
     return edges
 
 
-def flat_positions(side: int, side_m: float) -> FloatArray:
+def flat_positions(grid: GridShape, side_m: float) -> FloatArray:
     """Return a flat sheet in the plane z = 0 with its first vertex at the origin.
 
     Args:
-        side: Vertices along a side.
-        side_m: Length of a side, metres.
+        grid: The vertices; a column is a step along x and a row a step along y.
+        side_m: Length along x, metres; the spacing along y is the same.
 
     Returns:
-        float64 (side * side, 3), metres.
+        float64 (rows * columns, 3), metres.
     """
-    along = np.linspace(0.0, side_m, side)
-    y, x = np.meshgrid(along, along, indexing="ij")
+    along_v = np.linspace(0.0, side_m * grid.proportion, grid.rows)
+    along_u = np.linspace(0.0, side_m, grid.columns)
+    y, x = np.meshgrid(along_v, along_u, indexing="ij")
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def corner_vertices(side: int) -> IntArray:
+def corner_vertices(grid: GridShape) -> IntArray:
     """Return the corners at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1): int32 (4,)."""
-    last = (side - 1) * side
-    return np.array([0, side - 1, last, last + side - 1], dtype=np.int32)
+    rows, columns = grid
+    last = (rows - 1) * columns
+    return np.array([0, columns - 1, last, last + columns - 1], dtype=np.int32)
 
 
-def mapped_vertices(side: int, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> IntArray:
-    """Return the vertex that a symmetry of the square sends each vertex to.
+def mapped_vertices(grid: GridShape, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> IntArray:
+    """Return the vertex that a symmetry of the sheet sends each vertex to.
 
     The map acts on integers (steps of the grid), so that partners are exact.
 
     Args:
-        side: Vertices a side of the square grid.
-        matrix: (2, 2) with entries -1, 0 or 1: m' = matrix · m + offset, m = (u, v).
+        grid: The vertices.
+        matrix: (2, 2) with entries -1, 0 or 1: m' = matrix · m + offset, m = (u, v). Only in a
+            square grid may it exchange u and v.
         offset: (2,) with entries 0 or 1.
 
     Returns:
-        int32 (side * side,), a permutation of the vertices.
+        int32 (rows * columns,), a permutation of the vertices.
     """
-    row, column = np.divmod(np.arange(side * side), side)
+    rows, columns = grid
+    row, column = np.divmod(np.arange(grid.vertices), columns)
     steps = np.stack([column, row])
     images = np.asarray(matrix, dtype=np.int64) @ steps
-    images += np.asarray(offset, dtype=np.int64)[:, None] * (side - 1)
-    return (images[1] * side + images[0]).astype(np.int32)
+    images += (np.asarray(offset, dtype=np.int64) * [columns - 1, rows - 1])[:, None]
+    return (images[1] * columns + images[0]).astype(np.int32)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pliant.generator import portable
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.measure import silhouette_m2
 from pliant.generator.objects.cloth.simulator import Simulator
 from pliant.generator.objects.cloth.step import collide_table
@@ -24,7 +25,7 @@ _SAMPLES = 256
 
 GRAVITY_M_S2 = (0.0, 0.0, -9.8)
 UNEVEN_SHARE = 1e-4
-"""Height of the random unevenness of a flat cloth over its side: without any, nothing buckles."""
+"""Height of the random unevenness of a flat cloth over √area: without any, nothing buckles."""
 
 CALM_SPEED_M_S = 1e-3
 CALM_DAMPING_PERCENT = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -57,13 +58,13 @@ class Action:
     lower_m: float
     speed_m_s: float
 
-    def record(self, side: int) -> dict[str, Any]:
+    def record(self, grid: GridShape) -> dict[str, Any]:
         """Return the action as a JSON object, with the picked point as (u, v)."""
-        row, column = divmod(self.vertex, side)
+        row, column = divmod(self.vertex, grid.columns)
         facts = asdict(self)
         del facts["vertex"]
         facts["carry_m"] = list(self.carry_m)
-        return {"picked": [column / (side - 1), row / (side - 1)], **facts}
+        return {"picked": [column / (grid.columns - 1), row / (grid.rows - 1)], **facts}
 
 
 def hand_path(action: Action) -> FloatArray:
@@ -102,7 +103,7 @@ def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
     Yields:
         The hand's position after each step: float64 (3,), metres in the world.
     """
-    held = grip(action.vertex, simulator.sheet.side)
+    held = grip(action.vertex, simulator.sheet.grid)
     where = simulator.positions[action.vertex].copy()
     simulator.free[held] = 0.0
     try:
@@ -114,12 +115,12 @@ def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
         simulator.free[held] = 1.0
 
 
-def grip(vertex: int, side: int) -> npt.NDArray[np.int64]:
+def grip(vertex: int, grid: GridShape) -> npt.NDArray[np.int64]:
     """Return the masses a hand holds: the 3 x 3 patch about one, cut at the cloth's edges."""
-    row, column = divmod(vertex, side)
-    rows = np.arange(max(row - 1, 0), min(row + 2, side))
-    columns = np.arange(max(column - 1, 0), min(column + 2, side))
-    held: npt.NDArray[np.int64] = (rows[:, None] * side + columns).ravel()
+    row, column = divmod(vertex, grid.columns)
+    rows = np.arange(max(row - 1, 0), min(row + 2, grid.rows))
+    columns = np.arange(max(column - 1, 0), min(column + 2, grid.columns))
+    held: npt.NDArray[np.int64] = (rows[:, None] * grid.columns + columns).ravel()
     return held
 
 
@@ -137,20 +138,24 @@ class Handling:
         settings: The tier's settings.
         simulator: The cloth.
         rng: Where every choice comes from.
+        grid: Its masses.
+        lengths_m: float64 (2,), lengths along u and v, metres.
+        scale_m: Side of the square of its area, metres: the unit of the hand's paths.
         record: What was done, JSON-able.
     """
 
     def __init__(self, settings: ClothSettings, rng: np.random.Generator) -> None:
         self.settings = settings
         self.rng = rng
-        self.side_m = settings.side_m
-        self.side = settings.points_a_side
+        self.grid = settings.grid
+        self.lengths_m = np.array([settings.side_m, settings.length_v_m])
+        self.scale_m = math.sqrt(settings.area_m2)
         self.record: list[dict[str, Any]] = []
-        self._faces = grid_faces(self.side)
+        self._faces = grid_faces(self.grid)
         height_m = 0.5 * settings.thickness_m
-        flat = flat_positions(self.side, self.side_m)
-        flat[:, :2] -= 0.5 * self.side_m
-        flat[:, 2] = height_m + rng.uniform(0.0, UNEVEN_SHARE * self.side_m, len(flat))
+        flat = flat_positions(self.grid, settings.side_m)
+        flat[:, :2] -= 0.5 * self.lengths_m
+        flat[:, 2] = height_m + rng.uniform(0.0, UNEVEN_SHARE * self.scale_m, len(flat))
         sheet = settings.sheet()
         contact_m = settings.contact_spacings * sheet.spacing_m
         colliders = (
@@ -163,8 +168,8 @@ class Handling:
 
     def coverage(self) -> float:
         """Return the silhouette's area over the flat cloth's, as quickly counted."""
-        area = silhouette_m2(self.simulator.positions, self._faces, self.side_m / 256)
-        return float(area) / self.side_m**2
+        area = silhouette_m2(self.simulator.positions, self._faces, self.scale_m / 256)
+        return float(area) / self.settings.area_m2
 
     def middle(self) -> FloatArray:
         """Return the mean of the masses over the table: float64 (2,), metres."""
@@ -185,13 +190,13 @@ class Handling:
     def action(
         self, name: str, vertex: int, carry_m: FloatArray, lift: float, lower_share: float
     ) -> Action:
-        """Return an action; the lift is in sides of the cloth, the lowering a share of it."""
+        """Return an action; the lift is in units of `scale_m`, the lowering a share of it."""
         return Action(
             name=name,
             vertex=int(vertex),
             carry_m=(float(carry_m[0]), float(carry_m[1])),
-            lift_m=float(lift * self.side_m),
-            lower_m=float(lift * lower_share * self.side_m),
+            lift_m=float(lift * self.scale_m),
+            lower_m=float(lift * lower_share * self.scale_m),
             speed_m_s=self.settings.hand_speed_m_s,
         )
 
@@ -204,10 +209,10 @@ class Handling:
         lower_share: float = 0.5,
         settle_s: float = 0.5,
     ) -> None:
-        """Pick a mass, carry it and let go; lengths are in sides of the cloth."""
-        carried = np.asarray(carry, dtype=np.float64) * self.side_m
+        """Pick a mass, carry it and let go; lengths are in units of `scale_m`."""
+        carried = np.asarray(carry, dtype=np.float64) * self.scale_m
         action = self.action(name, vertex, carried, lift, lower_share)
-        self.record.append(action.record(self.side))
+        self.record.append(action.record(self.grid))
         for _ in perform(self.simulator, action):
             pass
         self.settle(settle_s)
@@ -248,20 +253,21 @@ class Handling:
         Returns:
             Which of the four edges is up: 0 and 1 the ends of u, 2 and 3 those of v.
         """
-        rng, side_m = self.rng, self.side_m
+        rng = self.rng
         upper = int(rng.integers(4))
         tilt_rad = rng.uniform(math.radians(25.0), math.radians(50.0))
         twist_rad = rng.uniform(math.radians(-15.0), math.radians(15.0))
         towards = -1.0 if rng.random() < 0.5 else 1.0
         up_axis = upper // 2
         rest = self.simulator.rest
-        raised = rest[:, up_axis] if upper % 2 else side_m - rest[:, up_axis]
-        along = rest[:, 1 - up_axis] - 0.5 * side_m
-        lean_rad = tilt_rad + twist_rad * along / side_m
+        height_m, width_m = self.lengths_m[up_axis], self.lengths_m[1 - up_axis]
+        raised = rest[:, up_axis] if upper % 2 else height_m - rest[:, up_axis]
+        along = rest[:, 1 - up_axis] - 0.5 * width_m
+        lean_rad = tilt_rad + twist_rad * along / width_m
         positions = np.empty_like(rest)
         positions[:, 1 - up_axis] = along
         positions[:, up_axis] = towards * portable.sin(lean_rad) * raised
-        positions[:, up_axis] += rng.uniform(-0.005, 0.005, len(rest)) * side_m
+        positions[:, up_axis] += rng.uniform(-0.005, 0.005, len(rest)) * self.scale_m
         positions[:, 2] = 0.5 * self.settings.thickness_m + portable.cos(lean_rad) * raised
         self.simulator.place(positions)
         self.record.append(
@@ -277,7 +283,7 @@ class Handling:
 
     def corner(self) -> int:
         """Return a random corner mass."""
-        return int(self.rng.choice(corner_vertices(self.side)))
+        return int(self.rng.choice(corner_vertices(self.grid)))
 
     def anywhere(self) -> FloatArray:
         """Return a random unit direction over the table."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import BoolArray, FloatArray
 
 PIXELS_A_SIDE = 512
-"""The silhouette is counted on a lattice of side / 512: 0.1 % of a typical cloth."""
+"""The silhouette is counted on a lattice of √area / 512: 0.1 % of a typical cloth."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,16 @@ class Cover:
     hidden_corners: tuple[int, ...]
 
 
-def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side_m: float) -> Cover:
+def measure_cover(
+    vertices: FloatArray, faces: IntArray, corners: IntArray, area_m2: float
+) -> Cover:
     """Measure a cloth from above.
 
     Args:
         vertices: float64 (V, 3), metres, z up.
         faces: int32 (F, 3), triangles of equal area in the material.
         corners: int32 (4,), the corner vertices.
-        side_m: Side of the flat cloth, metres.
+        area_m2: Area of the flat cloth.
 
     Returns:
         Its cover; the share of the material is taken at the triangles' centroids.
@@ -49,8 +52,8 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
     no_face = np.full(4, -1, dtype=np.int32)
     hidden_corners = covered_from_above(vertices, faces, vertices[corners], no_face, corners)
     return Cover(
-        coverage=silhouette_m2(vertices, faces, side_m / PIXELS_A_SIDE) / side_m**2,
-        coverage_hull=float(ConvexHull(vertices[:, :2]).volume) / side_m**2,
+        coverage=silhouette_m2(vertices, faces, math.sqrt(area_m2) / PIXELS_A_SIDE) / area_m2,
+        coverage_hull=float(ConvexHull(vertices[:, :2]).volume) / area_m2,
         self_occluded_area=float(hidden.mean()),
         hidden_corners=tuple(int(k) for k in np.flatnonzero(hidden_corners)),
     )

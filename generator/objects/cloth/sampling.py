@@ -14,10 +14,11 @@ from pliant.generator.objects.cloth.grid import grid_faces, mapped_vertices
 from pliant.generator.objects.cloth.surface import PART
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream
-from pliant.generator.settings.cloth import ClothSettings, Variant
+from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.model import (
+    RECTANGLE_SYMMETRIES,
     SQUARE_MIRRORS,
     SQUARE_ROTATIONS,
     MaterialCoordinate,
@@ -28,23 +29,26 @@ from pliant.spec.model import (
 
 CLOTH_ID: Final = 1
 
-SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
+
+def symmetries_of(settings: ClothSettings) -> tuple[Symmetry, ...]:
+    """Return the maps of (u, v) under which a cloth looks the same, without the identity."""
+    if settings.variant == "towel":
+        # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
+        # colours. From the back they are a mirror image, so the picture says which face is up.
+        return ()
     # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
-    "plain": SQUARE_ROTATIONS + SQUARE_MIRRORS,
-    # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
-    # colours. From the back they are a mirror image, so the picture says which face is up.
-    "towel": (),
-}
-"""Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
+    square = settings.grid.proportion == 1
+    return SQUARE_ROTATIONS + SQUARE_MIRRORS if square else RECTANGLE_SYMMETRIES
 
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
     """Return a cloth tier of a dataset: object, material coordinates, symmetries."""
     settings = _settings_of(config, tier)
-    u, v = (MaterialCoordinate(name, 0.0, 1.0, float(settings.side_m)) for name in "uv")
+    lengths_m = {"u": settings.side_m, "v": settings.length_v_m}
+    u, v = (MaterialCoordinate(name, 0.0, 1.0, float(m)) for name, m in lengths_m.items())
     cloth = MaterialObject(CLOTH_ID, PART, (u, v))
-    variant = settings.variant
-    return Tier(tier, "cloth", variant, CLOTH_ID, (cloth,), SYMMETRIES[variant])
+    symmetries = symmetries_of(settings)
+    return Tier(tier, "cloth", settings.variant, CLOTH_ID, (cloth,), symmetries)
 
 
 def _settings_of(config: GenerateConfig, tier: str) -> ClothSettings:
@@ -95,35 +99,36 @@ def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
             "steps_per_second": settings.sheet().steps_per_second,
         },
         variant=settings.variant,
+        proportion=settings.grid.proportion,
     )
 
 
 def cloth_parts(settings: ClothSettings) -> tuple[tuple[Part, ...], Points]:
     """Return the mesh of a cloth and its named material points."""
-    side, tracked = settings.render_a_side, settings.tracked_a_side
-    row, column = np.divmod(np.arange(side * side), side)
-    rest = np.zeros((side * side, 3))
-    rest[:, 0] = column / settings.render_cells
-    rest[:, 1] = row / settings.render_cells
+    grid, tracked, every = settings.render_grid, settings.tracked_grid, settings.tracked_every
+    row, column = np.divmod(np.arange(grid.vertices), grid.columns)
+    rest = np.zeros((grid.vertices, 3))
+    rest[:, 0] = column / (grid.columns - 1)
+    rest[:, 1] = row / (grid.rows - 1)
     part = Part(
         object_id=CLOTH_ID,
         name=PART,
-        faces=grid_faces(side),
+        faces=grid_faces(grid),
         rest=rest,
         chart=_chart,
-        strand=np.zeros(side * side, dtype=np.int32),
+        strand=np.zeros(grid.vertices, dtype=np.int32),
         double_sided=True,
     )
-    every = settings.render_cells // (tracked - 1)
-    row, column = np.divmod(np.arange(tracked * tracked), tracked)
-    count = tracked * tracked
-    symmetries = SYMMETRIES[settings.variant]
+    count = tracked.vertices
+    row, column = np.divmod(np.arange(count), tracked.columns)
+    symmetries = symmetries_of(settings)
     partners = [mapped_vertices(tracked, each.matrix, each.offset) for each in symmetries]
+    last = np.array([tracked.columns - 1, tracked.rows - 1], np.float32)
     points = Points(
         object_id=np.ones(count, dtype=np.int32),
-        vertex=(row * every * side + column * every).astype(np.int32),
+        vertex=(row * every * grid.columns + column * every).astype(np.int32),
         centreline=np.zeros(count, dtype=bool),
-        material=np.stack([column, row], axis=1).astype(np.float32) / np.float32(tracked - 1),
+        material=np.stack([column, row], axis=1).astype(np.float32) / last,
         partners=np.array(partners, np.int32).reshape(-1, count).T,
     )
     return (part,), points

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.springs import add_spring_forces, build_springs
 from pliant.generator.objects.cloth.step import STRETCH_LIMIT, Motion, limit_stretch, verlet_step
 from pliant.spec.arrays import FloatArray
@@ -21,14 +23,16 @@ Collider = Callable[[FloatArray, FloatArray, FloatArray], None]
 """Corrects masses after they moved, the cloth itself or an obstacle: positions (float64 (N, 3),
 changed in place), the positions before the step, and float64 (N,), 0 for masses that stay."""
 
+_COURSE_GRID: Final = GridShape(50, 50)
+
 
 @dataclass(frozen=True)
 class Sheet:
     """The numbers of a cloth and of its simulation; the defaults are those of the CS 184 project.
 
     Attributes:
-        side: Masses along a side.
-        side_m: Length of a side, metres.
+        grid: The masses.
+        side_m: Length along u, metres; the masses have the same spacing along v.
         density: Mass per area, kg/m²; a point's mass is the area times it, over the points.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of bending springs over `ks`.
@@ -38,7 +42,7 @@ class Sheet:
         longest_step_m: No mass moves farther in a step; infinity for none.
     """
 
-    side: int = 50
+    grid: GridShape = _COURSE_GRID
     side_m: float = 1.0
     density: float = 150.0
     ks: float = 5000.0
@@ -51,12 +55,13 @@ class Sheet:
     @property
     def spacing_m(self) -> float:
         """Distance of neighbouring masses at rest."""
-        return self.side_m / (self.side - 1)
+        return self.side_m / (self.grid.columns - 1)
 
     @property
     def mass_kg(self) -> float:
         """Mass of one point."""
-        return self.side_m * self.side_m * self.density / (self.side * self.side)
+        area_m2 = self.side_m * self.side_m * self.grid.proportion
+        return area_m2 * self.density / self.grid.vertices
 
 
 class Simulator:
@@ -88,8 +93,8 @@ class Simulator:
             colliders: What corrects the masses after they moved, in this order.
         """
         self.sheet = sheet
-        self.rest = flat_positions(sheet.side, sheet.side_m)
-        self.springs = build_springs(sheet.side, sheet.side_m, sheet.ks, sheet.bending_ratio)
+        self.rest = flat_positions(sheet.grid, sheet.side_m)
+        self.springs = build_springs(sheet.grid, sheet.side_m, sheet.ks, sheet.bending_ratio)
         self.positions = np.array(positions, dtype=np.float64)
         self.previous = self.positions.copy()
         self.forces = np.zeros_like(self.positions)
@@ -112,7 +117,7 @@ class Simulator:
             hand_m: float64 (3,), how far held masses move in this step, metres.
         """
         sheet, springs = self.sheet, self.springs
-        add_spring_forces(self.positions, self.forces, springs.families, sheet.side)
+        add_spring_forces(self.positions, self.forces, springs.families, sheet.grid.columns)
         hand = self._still if hand_m is None else hand_m
         motion = Motion(self.gravity, sheet.mass_kg, self.damping, self.dt_s, sheet.longest_step_m)
         verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.generator.compiled import compiled
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
 
@@ -55,12 +56,12 @@ class Springs:
     rest_m: FloatArray
 
 
-def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> Springs:
+def build_springs(grid: GridShape, side_m: float, ks: float, bending_ratio: float) -> Springs:
     """Join the point masses of a flat grid.
 
     Args:
-        side: Masses along a side.
-        side_m: Length of a side, metres.
+        grid: The masses.
+        side_m: Length along u, metres.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of a bending spring over `ks`.
 
@@ -68,7 +69,8 @@ def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> 
         The springs.
     """
     bending = bending_ratio * ks
-    spacing = side_m / (side - 1)
+    rows, columns = grid
+    spacing = side_m / (columns - 1)
     families = tuple(
         Family(row, column, math.hypot(row * spacing, column * spacing), stiffness)
         for stiffness, steps in (
@@ -81,14 +83,14 @@ def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> 
     # later - earlier mass is (rows, columns) of the family, for both shear directions
     ends = [
         (
-            row * side + column,
-            (row - family.rows) * side + column - family.columns,
+            row * columns + column,
+            (row - family.rows) * columns + column - family.columns,
             family.rest_m,
         )
-        for row in range(side)
-        for column in range(side)
+        for row in range(rows)
+        for column in range(columns)
         for family in families
-        if row >= family.rows and 0 <= column - family.columns < side
+        if row >= family.rows and 0 <= column - family.columns < columns
     ]
     a, b, rest_m = zip(*ends, strict=True)
     return Springs(families, np.array(a, np.int32), np.array(b, np.int32), np.array(rest_m))
@@ -96,7 +98,7 @@ def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> 
 
 @compiled
 def add_spring_forces(
-    positions: FloatArray, forces: FloatArray, families: tuple[Family, ...], side: int
+    positions: FloatArray, forces: FloatArray, families: tuple[Family, ...], columns: int
 ) -> None:
     """Add every spring's force to the masses at its two ends, one family after another.
 
@@ -105,10 +107,10 @@ def add_spring_forces(
     several at a time. What would join the end of a row to the next row gets no force.
 
     Args:
-        positions: float64 (side * side, 3), metres.
-        forces: float64 (side * side, 3), newtons; changed in place.
+        positions: float64 (rows * columns, 3), metres.
+        forces: float64 (rows * columns, 3), newtons; changed in place.
         families: All springs.
-        side: Masses along a side.
+        columns: Masses in a row.
     """
     at = np.ascontiguousarray(positions.T)
     total, pulls = np.zeros_like(at), np.empty_like(at)
@@ -116,7 +118,7 @@ def add_spring_forces(
     pull_x, pull_y, pull_z = pulls[0], pulls[1], pulls[2]
     for family in families:
         along, rest_m, stiffness = family.columns, family.rest_m, family.stiffness
-        apart = family.rows * side + along
+        apart = family.rows * columns + along
         count = at.shape[1] - apart
         other_x, other_y, other_z = x[apart:], y[apart:], z[apart:]
         for n in range(count):
@@ -125,8 +127,9 @@ def add_spring_forces(
             # Two masses in one place: there is no direction to push them in.
             pull = stiffness * (length - rest_m) / length if length > 0.0 else 0.0
             pull_x[n], pull_y[n], pull_z[n] = pull * dx, pull * dy, pull * dz
-        for column in range(side - along if along > 0 else 0, side if along > 0 else -along):
-            pulls[:, column::side] = 0.0
+        first_column = columns - along if along > 0 else 0
+        for column in range(first_column, columns if along > 0 else -along):
+            pulls[:, column::columns] = 0.0
         for c in range(3):
             pull_c, first, second = pulls[c], total[c], total[c, apart:]
             if family.rows == 0:

@@ -19,6 +19,7 @@ from scipy.ndimage import binary_dilation
 
 from pliant.generator import portable
 from pliant.generator.objects.cloth.grid import corner_vertices, grid_mesh
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import Cover, measure_cover
 from pliant.generator.settings.cloth import ClothSettings
@@ -61,31 +62,34 @@ def render_vertices(settings: ClothSettings, positions: FloatArray) -> tuple[Flo
 
     Args:
         settings: The tier's settings.
-        positions: float64 (points_a_side², 3), masses in the world, metres.
+        positions: float64 (N, 3), the masses of `settings.grid` in the world, metres.
 
     Returns:
-        float64 (render_a_side², 3), metres, and the number of edges that pierce a triangle.
+        float64 (V, 3), the vertices of `settings.render_grid`, metres, and the number of edges that
+        pierce a triangle.
     """
     floor_m = 0.5 * settings.thickness_m
-    return subdivide(
-        positions, settings.points_a_side, settings.doublings, floor_m, settings.smoothing
-    )
+    return subdivide(positions, settings.grid, settings.doublings, floor_m, settings.smoothing)
 
 
 def cover_of(settings: ClothSettings, vertices: FloatArray) -> Cover:
     """Return what the rendered surface shows from above."""
-    side = settings.render_a_side
-    return measure_cover(vertices, grid_mesh(side)[0], corner_vertices(side), settings.side_m)
+    grid = settings.render_grid
+    return measure_cover(vertices, grid_mesh(grid)[0], corner_vertices(grid), settings.area_m2)
 
 
 def subdivide(
-    positions: FloatArray, side: int, doublings: int, floor_m: float, smoothing: float = 0.0
+    positions: FloatArray,
+    masses: GridShape,
+    doublings: int,
+    floor_m: float,
+    smoothing: float = 0.0,
 ) -> tuple[FloatArray, int]:
     """Refine a grid of masses for rendering.
 
     Args:
-        positions: float64 (side * side, 3), metres.
-        side: Masses along a side.
+        positions: float64 (rows * columns, 3), metres.
+        masses: The grid of the masses.
         doublings: How often the cells are halved.
         floor_m: No vertex is left below this height, metres.
         smoothing: How far every mass first goes towards the average over its neighbours, 0 to
@@ -93,10 +97,11 @@ def subdivide(
             2**doublings-th vertex in a row and a column.
 
     Returns:
-        The vertices, float64 (((side - 1) * 2**doublings + 1)**2, 3); and the number of edges that
-        pierce a triangle of them: 0 unless the simulated mesh pokes through itself.
+        The vertices, float64 (V, 3), of a grid whose cells are 2**doublings times smaller; and the
+        number of edges that pierce a triangle of them: 0 unless the simulated mesh pokes through
+        itself.
     """
-    grid = _above(positions.reshape(side, side, 3), floor_m)
+    grid = _above(positions.reshape(*masses, 3), floor_m)
     pierced = 0
     if smoothing > 0.0 or doublings == 0:
         smooth = grid + smoothing * (_averaged(grid) - grid)
@@ -127,7 +132,7 @@ def _unpierced(wanted: FloatArray, safe: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _pierced(grid: FloatArray) -> npt.NDArray[np.int32]:
-    return find_intersections(grid.reshape(-1, 3), *grid_mesh(len(grid)))
+    return find_intersections(grid.reshape(-1, 3), *grid_mesh(GridShape(*grid.shape[:2])))
 
 
 def _above(grid: FloatArray, floor_m: float) -> FloatArray:

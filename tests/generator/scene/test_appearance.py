@@ -61,7 +61,7 @@ def test_fibres_are_the_same_on_a_reversed_rope(tube: SceneObject) -> None:
 
 
 def test_a_plain_cloth_looks_the_same_under_the_eight_maps(sheet: SceneObject) -> None:
-    front, back = cloth_images(appearance_of(sheet), 480)
+    front, back = cloth_images(appearance_of(sheet), width=480)
     np.testing.assert_array_equal(front, back)
     for turned in (front[::-1], front[:, ::-1], np.swapaxes(front, 0, 1), np.rot90(front)):
         np.testing.assert_allclose(turned, front, atol=1e-6)

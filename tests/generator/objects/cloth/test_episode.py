@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.generator.objects.cloth.grid import grid_mesh
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.handling import Action, grip, hand_path, hand_steps
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.settings import ClothSettings
@@ -33,9 +34,10 @@ def test_the_hand_goes_where_it_is_told() -> None:
 
 
 def test_a_grip_is_a_patch_cut_at_the_rim() -> None:
-    assert grip(0, 5).tolist() == [0, 1, 5, 6]
-    assert grip(7, 5).tolist() == [1, 2, 3, 6, 7, 8, 11, 12, 13]
-    assert grip(19, 5).tolist() == [13, 14, 18, 19, 23, 24]
+    grid = GridShape(4, 5)
+    assert grip(0, grid).tolist() == [0, 1, 5, 6]
+    assert grip(7, grid).tolist() == [1, 2, 3, 6, 7, 8, 11, 12, 13]
+    assert grip(19, grid).tolist() == [13, 14, 18, 19]
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +88,7 @@ def test_the_hand_of_a_frame_holds_the_cloth_there(
 def test_no_frame_of_an_episode_crosses_itself_or_jumps(
     frames: list[tuple[np.ndarray, dict[str, object]]],
 ) -> None:
-    faces, edges = grid_mesh(65)
+    faces, edges = grid_mesh(GridShape(65, 65))
     for vertices, _ in frames[::3]:
         assert np.isfinite(vertices).all()
         assert len(find_intersections(vertices, faces, edges)) == 0

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 from pliant.generator.objects.cloth.step import collide_table
 
@@ -19,27 +18,26 @@ REACH = ((0, 1, 1.0), (1, 0, 1.0), (1, 1, 1.0), (1, -1, 1.0), (0, 2, 0.2), (2, 0
 """Springs of a mass: rows up, columns to the left, stiffness over that of structural springs."""
 
 
-def hanging(points: int, **changes: object) -> Simulator:
-    """A level sheet held by two corners of one side."""
-    sheet = dataclasses.replace(Sheet(side=points), **changes)  # type: ignore[arg-type]
-    start = flat_positions(points, sheet.side_m)
-    simulator = Simulator(sheet, start, gravity=DOWN)
-    simulator.free[[0, points - 1]] = 0.0
+def hanging(rows: int, columns: int) -> Simulator:
+    """A level sheet held by two corners of one side, 1 m apart."""
+    sheet = Sheet(GridShape(rows, columns))
+    simulator = Simulator(sheet, flat_positions(sheet.grid, sheet.side_m), gravity=DOWN)
+    simulator.free[[0, columns - 1]] = 0.0
     return simulator
 
 
 def reference_step(x: np.ndarray, last: np.ndarray, sheet: Sheet, held: list[int]) -> np.ndarray:
     """Return a sheet's masses after a step, from the equations in plain NumPy, spring by spring."""
-    side = sheet.side
-    place = [np.array(divmod(mass, side)) / (side - 1) for mass in range(side * side)]
+    rows, columns = sheet.grid
+    place = [np.array(divmod(mass, columns)) / (columns - 1) for mass in range(rows * columns)]
     dt_s = 1.0 / sheet.steps_per_second
     springs = [
-        (mass, mass - down * side - along, share)
-        for mass in range(side * side)
+        (mass, mass - down * columns - along, share)
+        for mass in range(rows * columns)
         for down, along, share in REACH
-        if mass // side >= down and 0 <= mass % side - along < side
+        if mass // columns >= down and 0 <= mass % columns - along < columns
     ]
-    total = np.tile([0.0, 0.0, -9.8 * sheet.mass_kg], (side * side, 1))
+    total = np.tile([0.0, 0.0, -9.8 * sheet.mass_kg], (rows * columns, 1))
     for i, j, share in springs:
         rest = np.linalg.norm(place[i] - place[j])
         length = np.linalg.norm(x[j] - x[i])
@@ -59,8 +57,10 @@ def reference_step(x: np.ndarray, last: np.ndarray, sheet: Sheet, held: list[int
     return new
 
 
-def test_a_sheet_moves_as_the_equations_say() -> None:
-    simulator = hanging(6)
+@pytest.mark.parametrize("rows", [4, 6, 9])
+def test_a_sheet_moves_as_the_equations_say(rows: int) -> None:
+    simulator = hanging(rows, 6)
+    assert simulator.sheet.mass_kg == pytest.approx(150 * (rows - 1) / 5 / (rows * 6))
     simulator.positions[14, 2] += 0.15  # too far for its springs: the limit has work to do
     x, last = simulator.positions.copy(), simulator.previous.copy()
     rest = simulator.springs.rest_m
@@ -87,7 +87,7 @@ def energy_of(simulator: Simulator) -> float:
 
 
 def test_energy_does_not_grow_in_a_damped_hang() -> None:
-    simulator = hanging(20)
+    simulator = hanging(20, 20)
     measured = []
     for _ in range(300):
         simulator.run(10)
@@ -110,12 +110,12 @@ def test_half_the_step_sags_to_the_same_place(density: float, apart_m: float) ->
     places = []
     for halving in (1, 2):
         sheet = Sheet(
-            side=16,
+            grid=GridShape(16, 16),
             density=density,
             steps_per_second=2700.0 * halving,
             damping_percent=100.0 * (1.0 - (1.0 - 0.01) ** (1.0 / halving)),
         )
-        simulator = Simulator(sheet, flat_positions(16, 1), gravity=DOWN)
+        simulator = Simulator(sheet, flat_positions(sheet.grid, 1), gravity=DOWN)
         simulator.free[[0, 15, 240, 255]] = 0.0
         simulator.run(5000 * halving)
         assert simulator.speeds().max() < 1e-3
@@ -131,9 +131,9 @@ def test_half_the_step_sags_to_the_same_place(density: float, apart_m: float) ->
 
 def test_springs_limit_and_contact_keep_the_momentum() -> None:
     rng = np.random.default_rng(1)
-    sheet = Sheet(side=14, damping_percent=0.0)
+    sheet = Sheet(GridShape(14, 14), damping_percent=0.0)
     contact = PairContact.of(sheet, 1.0 / 13, friction=0.3)
-    crumpled = flat_positions(14, 0.6) + rng.normal(0.0, 0.03, (196, 3))
+    crumpled = flat_positions(sheet.grid, 0.6) + rng.normal(0.0, 0.03, (196, 3))
     simulator = Simulator(sheet, crumpled, gravity=(0.0, 0.0, 0.0), colliders=[contact.collide])
     simulator.previous -= rng.normal((3e-4, -1e-4, 2e-4), 1e-4, (196, 3))
     before = (simulator.positions - simulator.previous).sum(axis=0)
@@ -148,8 +148,8 @@ def test_springs_limit_and_contact_keep_the_momentum() -> None:
 
 
 def test_no_mass_moves_farther_than_the_longest_step() -> None:
-    sheet = Sheet(side=5, damping_percent=0.0, longest_step_m=1e-3)
-    simulator = Simulator(sheet, flat_positions(5, 1), gravity=DOWN)
+    sheet = Sheet(GridShape(5, 5), damping_percent=0.0, longest_step_m=1e-3)
+    simulator = Simulator(sheet, flat_positions(sheet.grid, 1), gravity=DOWN)
     simulator.previous[:, 2] += 0.5
     simulator.step()
     np.testing.assert_allclose(simulator.positions[:, 2], -1e-3)

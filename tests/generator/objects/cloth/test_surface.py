@@ -11,6 +11,7 @@ from pliant.generator.objects.cloth.grid import (
     grid_mesh,
     triangle_edges,
 )
+from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import measure_cover
 from pliant.generator.objects.cloth.surface import Placement, _four_point, subdivide
@@ -68,9 +69,12 @@ def test_more_hits_than_expected_are_all_returned() -> None:
     assert found == independent_intersections.count_intersections(vertices, faces)
 
 
+FOLDED = GridShape(13, 17)
+
+
 def sheet_over_itself(gap: float) -> np.ndarray:
-    """A sheet of 17 x 17 that is folded over a round edge, its halves `gap` apart."""
-    positions = flat_positions(17, 1.6)
+    """A sheet of 13 x 17 that is folded over a round edge, its halves `gap` apart."""
+    positions = flat_positions(FOLDED, 1.6)
     x = positions[:, 0].copy()
     half = (1.6 - np.pi * gap / 2) / 2
     turned = np.clip((x - half) / (gap / 2), 0, np.pi)
@@ -82,10 +86,11 @@ def sheet_over_itself(gap: float) -> np.ndarray:
 
 
 def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
-    faces, _ = grid_mesh(41)
-    flat = flat_positions(41, 0.5)
-    corners = corner_vertices(41)
-    cover = measure_cover(flat, faces, corners, 0.5)
+    grid = GridShape(21, 41)  # 0.5 m x 0.25 m
+    faces, _ = grid_mesh(grid)
+    flat = flat_positions(grid, 0.5)
+    corners = corner_vertices(grid)
+    cover = measure_cover(flat, faces, corners, 0.125)
     assert cover.coverage == pytest.approx(1.0, abs=0.005)
     assert cover.coverage_hull == pytest.approx(1.0)
     assert cover.self_occluded_area == 0.0
@@ -95,70 +100,73 @@ def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
     over = folded[:, 0] > 0.3
     folded[over, 0] = 0.6 - folded[over, 0]
     folded[over, 2] = 0.01
-    cover = measure_cover(folded, faces, corners, 0.5)
+    cover = measure_cover(folded, faces, corners, 0.125)
     assert cover.coverage == pytest.approx(0.6, abs=0.005)
     assert cover.coverage_hull == pytest.approx(0.6, abs=1e-9)
     assert cover.self_occluded_area == pytest.approx(0.4, abs=0.03)  # a column of cells stands
     assert cover.hidden_corners == ()
     # Folded under instead, it is the folded corners that cannot be seen.
     folded[over, 2] = -0.01
-    cover = measure_cover(folded, faces, corners, 0.5)
+    cover = measure_cover(folded, faces, corners, 0.125)
     assert cover.hidden_corners == (1, 3)
 
 
 def test_the_masses_stand_in_the_finer_grid() -> None:
-    rng = np.random.default_rng(4)
-    masses = flat_positions(7, 0.6) + rng.normal(0, 0.01, (49, 3)) + [0.0, 0.0, 1.0]
-    fine, pierced = subdivide(masses, 7, 2, 0.0)
-    assert fine.shape == (25 * 25, 3)
+    rng, grid = np.random.default_rng(4), GridShape(5, 7)
+    masses = flat_positions(grid, 0.6) + rng.normal(0, 0.01, (35, 3)) + [0.0, 0.0, 1.0]
+    fine, pierced = subdivide(masses, grid, 2, 0.0)
+    assert fine.shape == (17 * 25, 3)
     assert pierced == 0
-    np.testing.assert_array_equal(fine.reshape(25, 25, 3)[::4, ::4], masses.reshape(7, 7, 3))
+    np.testing.assert_array_equal(fine.reshape(17, 25, 3)[::4, ::4], masses.reshape(5, 7, 3))
 
 
 def test_a_cubic_surface_is_reproduced_inside() -> None:
-    flat = flat_positions(9, 0.8)
+    grid = GridShape(7, 9)
+    flat = flat_positions(grid, 0.8)
     x, y = flat[:, 0], flat[:, 1]
     masses = np.stack([x, y, 1 + x**3 - 2 * x * y**2 + y**3], axis=1)
-    fine, _ = subdivide(masses, 9, 1, 0.0)
-    inner = fine.reshape(17, 17, 3)[2:-2, 2:-2].reshape(-1, 3)
+    fine, _ = subdivide(masses, grid, 1, 0.0)
+    inner = fine.reshape(13, 17, 3)[2:-2, 2:-2].reshape(-1, 3)
     x, y = inner[:, 0], inner[:, 1]
     np.testing.assert_allclose(inner[:, 2], 1 + x**3 - 2 * x * y**2 + y**3, atol=1e-12)
 
 
 def test_smoothing_takes_out_the_dimples_and_leaves_a_plane() -> None:
-    plane = flat_positions(9, 0.8)
+    grid = GridShape(7, 9)
+    plane = flat_positions(grid, 0.8)
     plane[:, 2] = 1 + 0.3 * plane[:, 0] - 0.2 * plane[:, 1]
-    smooth, _ = subdivide(plane, 9, 0, 0.0, smoothing=1.0)
+    smooth, _ = subdivide(plane, grid, 0, 0.0, smoothing=1.0)
     np.testing.assert_allclose(smooth, plane, atol=1e-12)
-    row, column = np.divmod(np.arange(81), 9)
+    row, column = np.divmod(np.arange(63), 9)
     for dimple in (row % 2, column % 2, (row + column) % 2):
         dented = plane + 0.01 * np.stack([0 * dimple, 0 * dimple, dimple], axis=1)
-        smooth, _ = subdivide(dented, 9, 0, 0.0, smoothing=1.0)
-        inner = (smooth - plane)[:, 2].reshape(9, 9)[1:-1, 1:-1]
+        smooth, _ = subdivide(dented, grid, 0, 0.0, smoothing=1.0)
+        inner = (smooth - plane)[:, 2].reshape(7, 9)[1:-1, 1:-1]
         assert np.ptp(inner) < 1e-12
 
 
 def test_nothing_is_left_under_the_table() -> None:
-    masses = flat_positions(5, 0.4)
+    grid = GridShape(5, 5)
+    masses = flat_positions(grid, 0.4)
     masses[12, 2] = 0.1
-    fine, _ = subdivide(masses, 5, 2, 0.02)
+    fine, _ = subdivide(masses, grid, 2, 0.02)
     assert fine[:, 2].min() == 0.02
 
 
 def test_a_surface_that_would_pierce_itself_is_drawn_back() -> None:
     # A sharp crease presses the smooth surface through a layer that the triangles clear.
     rng = np.random.default_rng(8)
-    faces, edges = grid_mesh(17)
-    fine_faces, fine_edges = grid_mesh(33)
+    faces, edges = grid_mesh(FOLDED)
+    fine_faces, fine_edges = grid_mesh(GridShape(25, 33))
     drawn_back = 0
     for _ in range(120):
         masses = sheet_over_itself(rng.uniform(0.04, 0.15))
         masses += rng.normal(0, 0.02, masses.shape)
         raw = len(find_intersections(masses, faces, edges))
-        fine, pierced = subdivide(masses, 17, 1, -1.0)
+        fine, pierced = subdivide(masses, FOLDED, 1, -1.0)
         assert len(find_intersections(fine, fine_faces, fine_edges)) == pierced
         assert raw > 0 or pierced == 0
-        smooth = _four_point(_four_point(masses.reshape(17, 17, 3), 0), 1).reshape(-1, 3)
+        smooth = _four_point(_four_point(masses.reshape(*FOLDED, 3), 0), 1).reshape(-1, 3)
         drawn_back += raw == 0 and len(find_intersections(smooth, fine_faces, fine_edges)) > 0
     assert drawn_back > 3
 

@@ -121,13 +121,13 @@ def test_contact_keeps_the_layers_apart() -> None:
     """One lift and drop of a coarse cloth, without contact and with it."""
     side = 25
     settings = ClothSettings(points_a_side=side, tracked_a_side=25)
-    faces, edges = grid_mesh(side)
+    faces, edges = grid_mesh(settings.grid)
     crossings = {}
     sheet = settings.sheet()
     contact = PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction)
     schemes: dict[str, tuple[Collider, ...]] = {"none": (), "contact": (contact.collide,)}
     for name, own in schemes.items():
-        flat = flat_positions(side, settings.side_m)
+        flat = flat_positions(sheet.grid, settings.side_m)
         flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
         colliders: list[Collider] = [*own, partial(collide_table, 0.001, 0.6)]
         simulator = Simulator(sheet, flat, gravity=(0.0, 0.0, -9.8), colliders=colliders)

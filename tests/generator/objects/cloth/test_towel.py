@@ -22,7 +22,7 @@ CONFIG = small("towel", (160, 120), cloth=ClothSettings(points_a_side=33, tracke
 def test_every_map_of_the_square_changes_the_pattern_whatever_the_colours_are() -> None:
     towel = sample_scene_object(CONFIG, SequenceTask("towel", "test", 0))
     drawn = sample_appearance(np.random.default_rng(0), towel, AppearanceSettings())
-    faces = cloth_images(replace(drawn, weave_contrast=0.0), 240)
+    faces = cloth_images(replace(drawn, weave_contrast=0.0), width=240)
     front, back = (_regions(face) for face in faces)
     centre = (np.arange(240) + 0.5) / 240
     u, v = np.meshgrid(centre, centre)

@@ -1,0 +1,126 @@
+"""Cloths that are not square: lengths, symmetries, pattern, and whole datasets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.tiers import describe_tier
+from pliant.generator.rendering.materials import cloth_images
+from pliant.generator.scene.appearance import sample_appearance
+from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings import AppearanceSettings, ClothSettings
+from pliant.generator.settings.cloth import COVERAGE_BANDS
+from pliant.spec.model import Tier
+from tests.generator.objects.cloth.independent_intersections import count_intersections
+from tests.generator.world import made, scene, small
+
+LENGTHS_M = {0.5: (0.6, 0.3), 0.7: (0.6, 0.4125), 1.6: (0.6, 0.975)}
+"""Proportion -> lengths along u and v: of 32 cells along u, and 16, 22 or 52 along v."""
+
+TRACKED = {0.5: (17, 9), 0.7: (17, 12), 1.6: (17, 27)}
+"""Proportion -> tracked points along u and v: every fourth vertex of the rendered grid."""
+
+
+def coarse(proportion: float) -> ClothSettings:
+    return ClothSettings(points_a_side=33, tracked_a_side=17, proportion=proportion)
+
+
+def flat_cloth(proportion: float, tier: str = "cloth-1") -> tuple[SceneObject, Tier, np.ndarray]:
+    """Return a cloth, its tier and the places of its points (P, 3) while it is flat: metres."""
+    settings = coarse(proportion).replace(level=1)
+    cloth = scene(tier, frames=2, episodes=True, cloth=settings)
+    described = describe_tier(GenerateConfig(tiers=(tier,), cloth=settings), tier)
+    return cloth, described, cloth.pose(0).vertices["cloth"][cloth.points.vertex]
+
+
+@pytest.mark.parametrize("tier", ["cloth-1", "towel"])
+@pytest.mark.parametrize("proportion", LENGTHS_M)
+def test_distances_on_a_flat_cloth_are_the_lengths_of_the_tier(
+    proportion: float, tier: str
+) -> None:
+    cloth, described, places = flat_cloth(proportion, tier)
+    lengths = [each.metres_per_unit for each in described.queried.material]
+    assert lengths == pytest.approx(LENGTHS_M[proportion])
+    along = np.array(LENGTHS_M[proportion]) * cloth.points.material
+    one, two = np.random.default_rng(0).integers(0, len(places), (2, 500))
+    expected = np.linalg.norm(along[one] - along[two], axis=1)
+    np.testing.assert_allclose(
+        np.linalg.norm(places[one] - places[two], axis=1), expected, atol=1e-6
+    )
+    # A step of the tracked points is as long along v as along u.
+    steps = [np.diff(np.unique(along[:, axis].round(6))) for axis in (0, 1)]
+    assert (len(steps[0]) + 1, len(steps[1]) + 1) == TRACKED[proportion]
+    np.testing.assert_allclose(np.concatenate(steps), 0.6 / 16, atol=2e-6)
+
+
+@pytest.mark.parametrize("proportion", LENGTHS_M)
+def test_the_symmetries_are_those_that_keep_every_distance(proportion: float) -> None:
+    cloth, described, places = flat_cloth(proportion)
+    names = [each.name for each in described.symmetries]
+    assert names == ["rotation_180", "mirror_u", "mirror_v"]
+    count = len(places)
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    for column, symmetry in enumerate(described.symmetries):
+        partner = cloth.points.partners[:, column]
+        assert sorted(partner) == list(range(count))
+        np.testing.assert_array_equal(partner[partner], np.arange(count))
+        np.testing.assert_allclose(apart[partner][:, partner], apart, atol=1e-6)
+        mapped = symmetry.apply(cloth.points.material.astype(np.float64))
+        np.testing.assert_allclose(cloth.points.material[partner], mapped, atol=1e-6)
+    assert flat_cloth(proportion, "towel")[0].points.partners.shape == (count, 0)
+
+
+@pytest.mark.parametrize("proportion", [0.6875, 1.625])
+def test_weave_and_hem_have_one_width_and_a_plain_cloth_its_symmetries(proportion: float) -> None:
+    towel = scene("towel", cloth=coarse(proportion))
+    drawn = sample_appearance(np.random.default_rng(0), towel, AppearanceSettings())
+    height = round(480 * proportion)
+    front, back = cloth_images(replace(drawn, pattern="plain", back_colour=drawn.cloth_colours[0]),
+                               proportion, 480)  # fmt: skip
+    assert front.shape == (height, 480, 3)
+    for image in (front, back):
+        for mapped in (front[::-1, ::-1], front[::-1], front[:, ::-1]):
+            np.testing.assert_allclose(mapped, image, atol=1e-6)
+    # Minima of the weave along the middle row and the middle column: threads per pixel.
+    threads = [
+        np.sum((line[1:-1] < line[:-2]) & (line[1:-1] <= line[2:])) / len(line)
+        for line in (front[height // 2, :, 0], front[:, 240, 0])
+    ]
+    assert threads[0] == pytest.approx(threads[1], rel=0.02)
+    face = cloth_images(replace(drawn, weave_contrast=0.0), proportion, 480)[0]
+    hem = (face == face[0, 0]).all(axis=2)
+    widths = [int(np.argmin(hem[:, 60])), int(np.argmin(hem[height // 2]))]
+    assert widths[0] == pytest.approx(0.03 * 480, abs=1)
+    assert widths[1] == pytest.approx(0.03 * 480, abs=1)
+
+
+@pytest.mark.parametrize(("level", "proportion"), [(1, 0.5), (2, 1.6), (3, 0.7)])
+def test_a_tier_keeps_its_word_for_a_rectangle(level: int, proportion: float) -> None:
+    cloth = scene(f"cloth-{level}", frames=2, cloth=coarse(proportion))
+    low, high = COVERAGE_BANDS[level]
+    for frame in range(2):
+        pose = cloth.pose(frame)
+        vertices, faces = pose.vertices["cloth"], cloth.parts[0].faces
+        assert low <= pose.info["coverage"] <= high
+        assert count_intersections(vertices, faces) == 0
+        for action in pose.info["actions"]:
+            assert action["name"] == "stand" or all(0 <= m <= 1 for m in action["picked"])
+
+
+@pytest.mark.parametrize(
+    ("tier", "episodes", "proportion"),
+    [("cloth-1", False, 0.5), ("towel", False, 1.6), ("cloth-2", True, 0.7)],
+)
+def test_a_dataset_of_rectangles_is_valid(
+    tier: str, episodes: bool, proportion: float, tmp_path: Path
+) -> None:
+    config = small(tier, (160, 120), frames=4, episodes=episodes, cloth=coarse(proportion))
+    dataset = made(config, tmp_path / "rectangles")
+    assert len(dataset.queries("test")) > 50
+    lengths = [each.metres_per_unit for each in dataset.tiers[tier].queried.material]
+    assert lengths == pytest.approx(LENGTHS_M[proportion])
