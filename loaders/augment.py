@@ -167,18 +167,15 @@ def warp_view(view: TrainingFrame, affine: npt.NDArray[np.float64]) -> TrainingF
 
     nearest = Image.Resampling.NEAREST
     rgb = np.asarray(moved(view.rgb, Image.Resampling.BILINEAR, fill))
-    mask, objects = (
-        np.asarray(moved(each.astype(np.uint8), nearest, 0)) > 0
-        for each in (view.mask, view.objects)
-    )
+    masks = np.asarray(moved(view.mask + 2 * view.objects.astype(np.uint8), nearest, 0))
     depth_m = np.asarray(moved(view.depth_m, nearest, math.inf))
     uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)
     inside = (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
     return replace(
         view,
         rgb=rgb,
-        mask=mask,
-        objects=objects,
+        mask=(masks & 1) > 0,
+        objects=(masks & 2) > 0,
         depth_m=depth_m,
         uv_px=uv,
         visible=view.visible & inside,

@@ -33,8 +33,10 @@ def recolour(
         rgb = np.stack([table[:, channel][rgb[..., channel]] for channel in range(3)], axis=-1)
     if noise > 0:
         sigma = rng.uniform(0, noise)
-        grain = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(sigma)
-        rgb = np.clip(rgb + grain, 0, 255).astype(np.uint8)
+        noisy = rng.standard_normal(rgb.shape, dtype=np.float32)
+        noisy *= np.float32(sigma)
+        noisy += rgb
+        rgb = noisy.clip(0, 255, out=noisy).astype(np.uint8)
     return rgb
 
 
@@ -72,22 +74,25 @@ def recolour_regions(
         mask: bool (h, w), the queried object.
         objects: bool (h, w), all objects.
     """
-    out = np.empty(rgb.shape, dtype=np.float32)
+    pixels = rgb.reshape(-1, 3)
+    planes = np.empty((3, len(pixels)), dtype=np.float32)  # numpy is slow along an axis of 3
     for region in (mask, objects & ~mask, ~objects & ~mask):
-        if not region.any():
+        at = np.flatnonzero(region)
+        if len(at) == 0:
             continue
         mixing = rng.normal(0, 0.6, (3, 3)) + np.eye(3) * rng.integers(0, 2)
-        colours = rgb[region].astype(np.float32)  # (N, 3)
-        out[region] = (colours - colours.mean(axis=0)) @ mixing.T + rng.uniform(20, 235, 3)
+        colours = pixels.take(at, axis=0).T.astype(np.float32, order="C")  # (3, N)
+        colours -= colours.mean(axis=1, keepdims=True)
+        planes[:, at] = mixing @ colours + rng.uniform(20, 235, (3, 1))
     if rng.random() < 0.5:
-        blotched = out + rng.uniform(0, 0.4) * _blotches(rng, mask.shape)
-        out = np.where((objects | mask)[..., None], out, blotched)
-    return np.clip(out, 0, 255).astype(np.uint8)
+        amount = rng.uniform(0, 0.4) * ~(objects | mask)  # (h, w)
+        planes = planes + (amount * _blotches(rng, mask.shape)).reshape(3, -1)
+    return np.ascontiguousarray(planes.clip(0, 255).astype(np.uint8).T).reshape(rgb.shape)
 
 
 def _blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Return smooth random colours about 0: float64 (h, w, 3), -127.5 to 127.5."""
+    """Return smooth random colours about 0: float64 (3, h, w), -127.5 to 127.5."""
     cells = int(rng.integers(2, 12))
     coarse = Image.fromarray(rng.integers(0, 256, (cells, cells, 3), dtype=np.uint8))
     smooth = coarse.resize((shape[1], shape[0]), Image.Resampling.BICUBIC)
-    return np.asarray(smooth).astype(np.float64) - 127.5
+    return np.asarray(smooth).transpose(2, 0, 1).astype(np.float64, order="C") - 127.5

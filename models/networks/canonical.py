@@ -135,11 +135,13 @@ class CanonicalHead(nn.Module):
         Returns:
             float (..., A).
         """
-        step = material[..., None, :] - self.anchors  # (..., A, 2)
-        period = torch.where(self.period > 0, self.period, torch.ones_like(self.period))
-        wrapped = step - period * (step / period).round()
-        step = torch.where(self.period > 0, wrapped, step)
-        return (step * self.scale_m).square().sum(dim=-1)
+        squared = material.new_zeros(())
+        for axis, period in enumerate(self.period.tolist()):
+            step = material[..., axis, None] - self.anchors[:, axis]  # (..., A)
+            if period > 0:
+                step -= period * (step / period).round()
+            squared = squared + step.mul_(self.scale_m[axis]).square_()
+        return squared
 
     def target(self, material: torch.Tensor, sigma_m: float) -> torch.Tensor:
         """Return q over the anchors (it has no gradient).
