@@ -113,13 +113,14 @@ def test_a_tier_keeps_its_word_for_a_rectangle(level: int, proportion: float) ->
 
 
 @pytest.mark.parametrize(
-    ("tier", "episodes", "proportion"),
-    [("cloth-1", False, 0.5), ("towel", False, 1.6), ("cloth-2", True, 0.7)],
+    ("tier", "episodes", "proportion"), [("cloth-2", True, 0.7), ("towel", False, 1.6)]
 )
 def test_a_dataset_of_rectangles_is_valid(
     tier: str, episodes: bool, proportion: float, tmp_path: Path
 ) -> None:
-    config = small(tier, (160, 120), frames=4, episodes=episodes, cloth=coarse(proportion))
+    config = small(
+        tier, (160, 120), frames=4 if episodes else 2, episodes=episodes, cloth=coarse(proportion)
+    )
     dataset = made(config, tmp_path / "rectangles")
     assert len(dataset.queries("test")) > 50
     lengths = [each.metres_per_unit for each in dataset.tiers[tier].queried.material]
