@@ -125,7 +125,10 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         self.store, self.settings = store, settings or PairSettings()
         self.seed, self.augmentation = seed, augmentation
         self._symmetries = store.tier.symmetries
-        self._square = set(self._symmetries) == {*SQUARE_ROTATIONS, *SQUARE_MIRRORS}
+        self._blank = bool(self._symmetries) and set(self._symmetries) <= {
+            *SQUARE_ROTATIONS,
+            *SQUARE_MIRRORS,
+        }
         self._orientation: Orientation | None = None
         if orientation:
             self._orientation = Orientation(store.tier.queried, store.material)
@@ -191,8 +194,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return changed, abs(float(np.linalg.det(placements[0][:, :2]))) ** 0.5
 
     def _symmetry(self, rng: np.random.Generator, settings: AugmentSettings) -> int | None:
-        """Draw a symmetry of a square cloth by its number; None leaves a view as it is."""
-        if settings.symmetric == 0 or not self._square or rng.random() >= settings.symmetric:
+        """Draw a symmetry of a blank cloth by its number; None leaves a view as it is."""
+        if settings.symmetric == 0 or not self._blank or rng.random() >= settings.symmetric:
             return None
         drawn = int(rng.integers(1 + len(self._symmetries)))
         return drawn - 1 if drawn else None

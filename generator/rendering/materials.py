@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled, inlined
+from pliant.generator.rendering.prints import printed
 from pliant.generator.scene.appearance import Appearance, TableAppearance
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.spec.arrays import FloatArray
@@ -30,6 +31,9 @@ _SIDE_STRIPE = (0.14, 0.21)
 
 _HEM = 0.03
 """Width of a towel's hem over its length along u."""
+
+_SHOWS_THROUGH = 0.3
+"""Share of a print that is seen on the back."""
 
 
 @inlined
@@ -140,6 +144,10 @@ def cloth_images(
         hem = (np.abs(u - 0.5) > 0.5 - _HEM) | (np.abs(v - 0.5) > 0.5 - _HEM / proportion)
         front[stripe], back[stripe] = second, ground
         front[hem] = back[hem] = third
+    elif appearance.pattern.startswith("printed "):
+        design = int(appearance.pattern.removeprefix("printed "))
+        front = printed(front, (second, third), design)
+        back += _SHOWS_THROUGH * (front - back)
     # Even in u and in v, about the middle too, and on a square under their exchange.
     across = round(WEAVE_THREADS * proportion)
     weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * across * v)

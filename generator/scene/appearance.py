@@ -77,7 +77,7 @@ class Appearance:
         ball_colour: Colour of the rope's ball.
         cloth_colours: Cloth: the colours that its pattern is made of, the ground first.
         back_colour: Cloth: colour of the back's ground, the front's own where both are alike.
-        pattern: Cloth: `plain` or `towel`.
+        pattern: Cloth: `plain`, `towel`, or `printed` and the number of the design.
         weave_contrast: Cloth: strength of the weave.
         specular: Strength of the highlights, 0 to 1.
     """

@@ -14,7 +14,7 @@ from pliant.spec.constraints import Bounds, Range, Refused, Share
 if TYPE_CHECKING:
     from pliant.generator.objects.cloth.simulator import Sheet
 
-Variant = Literal["plain", "towel"]
+Variant = Literal["plain", "towel", "printed"]
 
 COVERAGE_BANDS: Final[dict[int, tuple[float, float]]] = {
     1: (0.70, 0.90),
@@ -43,7 +43,9 @@ class ClothSettings(Settings):
         level: 1 smooth, 2 wrinkled and folded, 3 heavily scrunched; None takes the digit at
             the end of the tier's name (`cloth-2`), and 2 for the tier `towel`.
         variant: `plain` (one colour), or `towel` (a hem and two stripes; the tier `towel` always
-            has it).
+            has it), or `printed` (stripes or checks on some, discs, bars and rings, a stitched hem, a
+            tag; paler on the back).
+        design: Number of the print of all sequences, whose colours are the sequence's own.
         side_m: Length along u, metres.
         proportion: Length along v over the length along u; 1 is a square. It is rounded so that all
             points have one spacing: with the other defaults to a sixteenth. `metres_per_unit` of
@@ -72,6 +74,7 @@ class ClothSettings(Settings):
 
     level: Annotated[int, Bounds(1, 3)] | None = None
     variant: Variant = "plain"
+    design: Annotated[int, Bounds(0, 2**31 - 1)] = 0
     side_m: Annotated[float, Bounds(0.05, 5)] = 0.6
     proportion: Annotated[float, Bounds(0.4, 2.5)] = 1.0
     points_a_side: Annotated[int, Bounds(9, 257)] = 81
@@ -164,6 +167,11 @@ class ClothSettings(Settings):
     def area_m2(self) -> float:
         """Area of the flat cloth."""
         return self.side_m**2 * self.grid.proportion
+
+    @property
+    def pattern(self) -> str:
+        """Name of what is on the cloth: the variant, and the number of a print."""
+        return f"printed {self.design}" if self.variant == "printed" else self.variant
 
     def level_of(self, tier: str) -> int:
         """Return the level of a tier: the setting's, else the digit that ends its name."""

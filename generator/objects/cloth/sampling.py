@@ -32,6 +32,8 @@ CLOTH_ID: Final = 1
 
 def symmetries_of(settings: ClothSettings) -> tuple[Symmetry, ...]:
     """Return the maps of (u, v) under which a cloth looks the same, without the identity."""
+    if settings.variant == "printed":
+        return ()
     if settings.variant == "towel":
         # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
         # colours. From the back they are a mirror image, so the picture says which face is up.
@@ -98,7 +100,7 @@ def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
             "cloth": settings_to_dict(settings),
             "steps_per_second": settings.sheet().steps_per_second,
         },
-        variant=settings.variant,
+        variant=settings.pattern,
         proportion=settings.grid.proportion,
     )
 
