@@ -17,9 +17,7 @@ _STITCH: Final = 90.0  # stitches along a side
 _TAG: Final = (0.06, 0.035)  # half its length and half its width
 
 
-def printed(
-    ground: FloatArray, colours: tuple[FloatArray, FloatArray], design: int
-) -> FloatArray:
+def printed(ground: FloatArray, colours: tuple[FloatArray, FloatArray], design: int) -> FloatArray:
     """Return a print: stripes or checks on some, discs, bars and rings, a stitched hem, a tag.
 
     Args:
