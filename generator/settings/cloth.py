@@ -43,8 +43,8 @@ class ClothSettings(Settings):
         level: 1 smooth, 2 wrinkled and folded, 3 heavily scrunched; None takes the digit at
             the end of the tier's name (`cloth-2`), and 2 for the tier `towel`.
         variant: `plain` (one colour), or `towel` (a hem and two stripes; the tier `towel` always
-            has it), or `printed` (stripes or checks on some, discs, bars and rings, a stitched hem, a
-            tag; paler on the back).
+            has it), or `printed` (stripes or checks on some, discs, bars and rings, a stitched hem,
+            a tag; paler on the back).
         design: Number of the print of all sequences, whose colours are the sequence's own.
         side_m: Length along u, metres.
         proportion: Length along v over the length along u; 1 is a square. It is rounded so that all

@@ -71,8 +71,8 @@ class LossSettings(Settings):
         canonical_weight: Weight of the canonical head's cross-entropy, 0 for no head.
         canonical_sigma_m: Width of its target on the material, at the end, metres.
         canonical_sigma_start_m: Width at the start; it shrinks as `sigma_start_px` does.
-        stretch_weight: Weight of the loss of how the canonical head's map stretches the material; it
-            needs `canonical_weight`.
+        stretch_weight: Weight of the loss of how the canonical head's map stretches the material;
+            it needs `canonical_weight`.
         stretch_reach_m: Largest distance on the material of two points that are compared, metres.
         foreground_weight: Weight of the masks that the network predicts, 0 for none: what it
             works with where no mask is given.

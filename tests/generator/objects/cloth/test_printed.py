@@ -1,4 +1,4 @@
-"""The variant `printed`: one design in colours of its own, which no map of the cloth leaves alike."""
+"""The variant `printed`: one design in any colours, which no map of the cloth leaves alike."""
 
 from __future__ import annotations
 
