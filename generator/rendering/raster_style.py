@@ -158,12 +158,15 @@ class _Surface(NamedTuple):
 @compiled
 def _hidden(hits: Hits, window: npt.NDArray[np.int64], size: tuple[int, int]) -> BoolArray:
     """Return bool (H, W): pixels of a window whose samples all see the object."""
+    triangle = hits.triangle
     hidden = np.zeros((size[1], size[0]), np.bool_)
     for row in range(window[2], window[3]):
         for column in range(window[0], window[1]):
-            top, left = row * SAMPLES, column * SAMPLES
-            samples = hits.triangle[top : top + SAMPLES, left : left + SAMPLES]
-            hidden[row, column] = samples.min() >= 0
+            least = 0
+            for sub in range(SAMPLES * SAMPLES):
+                j = row * SAMPLES + sub // SAMPLES
+                least = min(least, triangle[j, column * SAMPLES + sub % SAMPLES])
+            hidden[row, column] = least >= 0
     return hidden
 
 

@@ -133,10 +133,21 @@ def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -
 
 
 def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    down, across = (np.arange(0, side, _BLOCK) for side in depth.shape)
-    own = np.minimum.reduceat(np.minimum.reduceat(depth, down, axis=0), across, axis=1)
-    nearest: npt.NDArray[np.float32] = minimum_filter(own, 5, mode="constant", cval=_EMPTY)
+    nearest: npt.NDArray[np.float32] = minimum_filter(
+        _block_minima(depth), 5, mode="constant", cval=_EMPTY
+    )
     return nearest
+
+
+@compiled
+def _block_minima(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    rows, columns = depth.shape
+    out = np.full((-(-rows // _BLOCK), -(-columns // _BLOCK)), _EMPTY)
+    for j in range(rows):
+        for i in range(columns):
+            cell = j // _BLOCK, i // _BLOCK
+            out[cell] = min(out[cell], depth[j, i])
+    return out
 
 
 @compiled
@@ -170,6 +181,20 @@ def may_shade(box: FloatArray, shadow: ShadowMap) -> bool:
             if coarse[j, i] < _EMPTY:
                 return True
     return False
+
+
+@compiled
+def _clear_around(sx: float, sy: float, away: float, depth: npt.NDArray[np.float32]) -> bool:
+    """Return whether no texel within one of a place, so no tap of that radius, blocks the sun."""
+    rows, columns = depth.shape
+    i, j = math.floor(sx), math.floor(sy)
+    if i < 1 or j < 1 or i >= columns - 1 or j >= rows - 1:
+        return False
+    nearest = depth[j, i]
+    for dj in range(-1, 2):
+        for di in range(-1, 2):
+            nearest = min(nearest, depth[j + dj, i + di])
+    return nearest >= away
 
 
 @compiled
@@ -214,6 +239,8 @@ def sunlight(
         return 1.0
     turn = (row & 3) * 4 + (column & 3)
     search = min(max(spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
+    if search == 1.0 and _clear_around(sx, sy, away, depth):
+        return 1.0
     blockers = 0
     total = 0.0
     for k in range(_TAPS):
