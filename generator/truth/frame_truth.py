@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.scene_object import Part, Pose, SceneMesh, SceneObject
-from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
+from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise, rest_seen
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
@@ -91,13 +91,9 @@ def surface_image(scene_object: SceneObject, mesh: SceneMesh, hits: Hits) -> Sur
     depth = hits.depth_m.astype(np.float32)
     material = np.zeros((2, *shape), np.float32)
     object_id = np.zeros(shape, np.uint32)
-    seen = np.flatnonzero(hits.triangle.ravel() >= 0)
-    triangle = hits.triangle.ravel()[seen]
-    weights = hits.weights.reshape(-1, 2)[seen]
     for part, faces, _ in mesh.parts:
-        mine = (triangle >= faces.start) & (triangle < faces.stop)
-        at = seen[mine]
-        m = _material(part, triangle[mine] - np.int32(faces.start), weights[mine])
+        at, rest = rest_seen(hits, faces.start, faces.stop, part.faces, part.rest)
+        m = part.chart(rest)
         material[0].ravel()[at] = m[:, 0]
         material[1].ravel()[at] = m[:, 1]
         object_id.ravel()[at] = part.object_id

@@ -18,15 +18,20 @@ neither cracks nor pixels hit twice. Of two triangles at equal depth the first o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.camera import NEAR_M
 from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
+
+_LOW_PX: Final = -9.0
+_HIGH_PX: Final = 1e6
+# Limits of a triangle's box, outside any image.
 
 
 class Hits(NamedTuple):
@@ -84,56 +89,54 @@ def rasterise(camera: Camera, points_camera: FloatArray, faces: IntArray, scale:
 
 
 @compiled
-def covered_cells(
-    points: FloatArray,
-    uv: FloatArray,
-    corners: tuple[int, int, int],
-    cell_px: float,
-    reach: float,
-    size: tuple[int, int],
-) -> tuple[int, int, int, int]:
-    """Return the cells of the image that a triangle can touch.
+def box_in_image(
+    points: FloatArray, uv: FloatArray, corners: tuple[int, int, int]
+) -> tuple[float, float, float, float]:
+    """Return the box of the image outside which a triangle is not seen.
 
-    They follow from the box of its corners, widened by far more than the projection's rounding. A
-    triangle that passes the camera's plane can touch every cell; one behind it touches none.
+    It is that of its corners, widened by far more than the projection's rounding. A triangle
+    that passes the camera's plane can be anywhere; one behind it is nowhere.
 
     Args:
         points: float64 (V, 3), camera axes, metres.
         uv: float64 (V, 2), their projections, px.
         corners: The triangle's vertices.
-        cell_px: Side of a cell.
-        reach: 0.5 asks for cells whose centre is in the box, 1 for cells that overlap it.
-        size: Columns and rows of cells.
 
     Returns:
-        First and last column, first and last row; the last is below the first where there is none.
+        Lowest and highest u, lowest and highest v, px.
     """
-    in_front = 0
-    for k in corners:
-        in_front += points[k, 2] >= NEAR_M
+    a, b, c = corners
+    in_front = (points[a, 2] >= NEAR_M) + (points[b, 2] >= NEAR_M) + (points[c, 2] >= NEAR_M)
     if in_front == 0:
-        return 0, -1, 0, -1
+        return _LOW_PX, _LOW_PX, _LOW_PX, _LOW_PX
     if in_front < 3:
-        return 0, size[0] - 1, 0, size[1] - 1
-    i0, i1 = _span(uv, 0, corners, cell_px, reach, size[0])
-    j0, j1 = _span(uv, 1, corners, cell_px, reach, size[1])
-    return i0, i1, j0, j1
+        return _LOW_PX, _HIGH_PX, _LOW_PX, _HIGH_PX
+    return (
+        min(uv[a, 0], uv[b, 0], uv[c, 0]) - 1e-6,
+        max(uv[a, 0], uv[b, 0], uv[c, 0]) + 1e-6,
+        min(uv[a, 1], uv[b, 1], uv[c, 1]) - 1e-6,
+        max(uv[a, 1], uv[b, 1], uv[c, 1]) + 1e-6,
+    )
 
 
 @compiled
-def _span(
-    uv: FloatArray,
-    axis: int,
-    corners: tuple[int, int, int],
-    cell_px: float,
-    reach: float,
-    count: int,
+def covered_cells(
+    low_px: float, high_px: float, cell_px: float, reach: float, count: int
 ) -> tuple[int, int]:
-    a, b, c = corners
-    low = min(uv[a, axis], uv[b, axis], uv[c, axis]) - 1e-6
-    high = max(uv[a, axis], uv[b, axis], uv[c, axis]) + 1e-6
-    first = int(np.ceil(max(low, -9.0) / cell_px - reach))
-    last = int(np.floor(min(high, 1e6) / cell_px - (1.0 - reach)))
+    """Return the first and last column (or row) of cells that a box can touch.
+
+    Args:
+        low_px: Where the box begins.
+        high_px: Where it ends.
+        cell_px: Side of a cell.
+        reach: 0.5 asks for cells whose centre is in the box, 1 for cells that overlap it.
+        count: Columns (rows) of the image.
+
+    Returns:
+        The last is below the first where there is none.
+    """
+    first = int(np.ceil(max(low_px, _LOW_PX) / cell_px - reach))
+    last = int(np.floor(min(high_px, _HIGH_PX) / cell_px - (1.0 - reach)))
     return max(0, first), min(count - 1, last)
 
 
@@ -172,39 +175,52 @@ def rasterise_into(
     across = (np.arange(width) + 0.5 - lens.cx) / lens.fx
     for t in range(faces.shape[0]):
         corners = faces[t, 0], faces[t, 1], faces[t, 2]
-        i0, i1, j0, j1 = covered_cells(points, uv, corners, 1.0, 0.5, (width, height))
+        u0, u1, v0, v1 = box_in_image(points, uv, corners)
+        i0, i1 = covered_cells(u0, u1, 1.0, 0.5, width)
+        j0, j1 = covered_cells(v0, v1, 1.0, 0.5, height)
         if i0 > i1 or j0 > j1:
             continue
         n0x, n0y, n0z, n1x, n1y, n1z, n2x, n2y, n2z, det = edge_planes(points, corners)
         if det == 0.0:
             continue
-        side = 1.0 if det > 0.0 else -1.0
+        if det < 0.0:  # seen from the back
+            det = -det
+            n0x, n0y, n0z = -n0x, -n0y, -n0z
+            n1x, n1y, n1z = -n1x, -n1y, -n1z
+            n2x, n2y, n2z = -n2x, -n2y, -n2z
         for j in range(j0, j1 + 1):
             dy = (j + 0.5 - lens.cy) / lens.fy
             r0 = n0y * dy + n0z
             r1 = n1y * dy + n1z
             r2 = n2y * dy + n2z
             for i in range(i0, i1 + 1):
+                # Along a row each of these only grows or only falls, rounded as it is.
                 dx = across[i]
-                e0 = side * (n0x * dx + r0)
+                e0 = n0x * dx + r0
                 if e0 < 0.0:
+                    if n0x <= 0.0:
+                        break
                     continue
-                e1 = side * (n1x * dx + r1)
+                e1 = n1x * dx + r1
                 if e1 < 0.0:
+                    if n1x <= 0.0:
+                        break
                     continue
-                e2 = side * (n2x * dx + r2)
+                e2 = n2x * dx + r2
                 if e2 < 0.0:
+                    if n2x <= 0.0:
+                        break
                     continue
-                if e0 == 0.0 and not owns_edge(side * n0x, side * n0y):
+                if e0 == 0.0 and not owns_edge(n0x, n0y):
                     continue
-                if e1 == 0.0 and not owns_edge(side * n1x, side * n1y):
+                if e1 == 0.0 and not owns_edge(n1x, n1y):
                     continue
-                if e2 == 0.0 and not owns_edge(side * n2x, side * n2y):
+                if e2 == 0.0 and not owns_edge(n2x, n2y):
                     continue
                 total = e0 + e1 + e2
                 if total == 0.0:
                     continue
-                z = side * det / total
+                z = det / total
                 if z < depth_m[j, i] and z >= NEAR_M:
                     depth_m[j, i] = z
                     triangle[j, i] = t
@@ -246,3 +262,42 @@ def interpolate(
                 + w2 * values[faces[t, 2], k]
             )
     return out
+
+
+@compiled
+def rest_seen(
+    hits: Hits, first: int, end: int, faces: IntArray, rest: FloatArray
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Return where an image shows a part, and which place of the part.
+
+    Args:
+        hits: Of the whole scene.
+        first: Row of the part's first triangle in the scene's.
+        end: Row after its last one.
+        faces: int32 (F, 3), the part's triangles.
+        rest: float64 (V, 3), its rest coordinates.
+
+    Returns:
+        int64 (N,), pixels counted row by row, ascending; float64 (N, 3), rest coordinates there.
+    """
+    triangle, _, weights = hits
+    height, width = triangle.shape
+    count = 0
+    for j in range(height):
+        for i in range(width):
+            count += first <= triangle[j, i] < end
+    at, places = np.empty(count, np.int64), np.empty((count, 3))
+    n = 0
+    for j in range(height):
+        for i in range(width):
+            t = triangle[j, i] - first
+            if t < 0 or t >= end - first:
+                continue
+            a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+            w1, w2 = weights[j, i, 0], weights[j, i, 1]
+            w0 = 1.0 - w1 - w2
+            at[n] = j * width + i
+            for k in range(3):
+                places[n, k] = w0 * rest[a, k] + w1 * rest[b, k] + w2 * rest[c, k]
+            n += 1
+    return at, places

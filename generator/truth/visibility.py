@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.camera import NEAR_M
 from pliant.generator.scene.scene_object import IntArray
-from pliant.generator.truth.rasteriser import covered_cells, edge_planes
+from pliant.generator.truth.rasteriser import box_in_image, covered_cells, edge_planes
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
 
@@ -76,11 +76,13 @@ def first_occluders(
     cells = np.maximum(uv // _CELL_PX, 0).astype(np.int64)  # float32 rounds -1e-46 up
     cell = cells[:, 1] * columns + cells[:, 0]
     order = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[order], np.arange(rows * columns + 1))
+    starts = np.zeros(rows * columns + 1, np.int64)
+    np.cumsum(np.bincount(cell, minlength=rows * columns), out=starts[1:])
     rays = points_camera[order] / points_camera[order, 2:3]
     triangle = np.full(len(order), -1, np.int32)
     weights = np.zeros((len(order), 2))
     sorted_rays = _Rays(
+        np.ascontiguousarray(uv[order]),
         rays,
         np.ascontiguousarray(points_camera[order, 2] - SAME_SURFACE_M),
         own_edge[order].astype(np.int32),
@@ -98,6 +100,7 @@ class _Rays(NamedTuple):
     """Rays from the camera to points, in the order of the image's cells.
 
     Attributes:
+        uv: float64 (N, 2), where the image shows the points, px.
         direction: float64 (N, 3), z is 1.
         nearest: float64 (N,), a hit counts if it is nearer than this; lowered to each hit.
         own: int32 (N, 2), ends of the edge each point is on, or -1.
@@ -105,6 +108,7 @@ class _Rays(NamedTuple):
         size: Columns and rows of cells.
     """
 
+    uv: FloatArray
     direction: FloatArray
     nearest: FloatArray
     own: IntArray
@@ -121,19 +125,24 @@ def _cast(
     triangle: IntArray,
     weights: FloatArray,
 ) -> None:
-    """Intersect every triangle with the rays whose cell its box in the image touches."""
+    """Intersect every triangle with the rays that pass its box in the image."""
     # Each look into a tuple of arrays inside the loops would count a reference.
-    direction, nearest, owns, starts, size = rays
-    columns = size[0]
+    seen, direction, nearest, owns, starts, size = rays
+    columns, rows = size
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-        i0, i1, j0, j1 = covered_cells(points, uv, (a, b, c), float(_CELL_PX), 1.0, size)
+        u0, u1, v0, v1 = box_in_image(points, uv, (a, b, c))
+        i0, i1 = covered_cells(u0, u1, float(_CELL_PX), 1.0, columns)
+        j0, j1 = covered_cells(v0, v1, float(_CELL_PX), 1.0, rows)
         if i0 > i1 or j0 > j1:
             continue
         ready = False
         n0x = n0y = n0z = n1x = n1y = n1z = n2x = n2y = n2z = det = side = 0.0
         for j in range(j0, j1 + 1):
             for n in range(starts[j * columns + i0], starts[j * columns + i1 + 1]):
+                u, v = seen[n, 0], seen[n, 1]
+                if u < u0 or u > u1 or v < v0 or v > v1:
+                    continue
                 own, end = owns[n, 0], owns[n, 1]
                 if (own in (a, b, c)) and (end in (a, b, c)):
                     continue
