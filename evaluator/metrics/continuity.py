@@ -20,8 +20,8 @@ from pliant.evaluator.metrics.base import (
     Summary,
 )
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.errors import exact_quantiles
-from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
+from pliant.evaluator.metrics.errors import endpoint_error_px, exact_quantiles
+from pliant.spec.arrays import BoolArray, IntArray, RealArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
@@ -69,12 +69,12 @@ class Continuity(Metric[ContinuitySettings]):
         row, other = nearest_neighbours(
             block.uv_a_px, block.counted, block.starts, settings.queries_per_pair
         )
-        a = distance_px(block.uv_a_px, row, other)
-        truth = distance_px(block.true_px, row, other)
+        a = endpoint_error_px(block.uv_a_px[row], block.uv_a_px[other])
+        truth = endpoint_error_px(block.true_px[row], block.true_px[other])
         asked = (a >= settings.min_distance_a_px) & (a <= settings.max_distance_a_px)
         asked &= truth <= settings.max_true_stretch * a
         row, other, a = row[asked], other[asked], a[asked]
-        b = distance_px(block.answer_px, row, other)
+        b = endpoint_error_px(block.answer_px[row], block.answer_px[other])
         jump = b > np.maximum(settings.jump_stretch * a, settings.jump_min_px)
         if block.missing is not None:
             torn = block.missing[row] | block.missing[other]
@@ -144,15 +144,3 @@ def _nearest_in_blocks(
     nearest = squared.argmin(axis=2)
     both = fine & np.take_along_axis(fine, nearest, axis=1)
     return index[both], np.take_along_axis(index, nearest, axis=1)[both]
-
-
-def distance_px(uv_px: RealArray, row: IntArray, other: IntArray) -> FloatArray:
-    """Return the distances between positions, float64 (K,).
-
-    Args:
-        uv_px: float (N, 2), pixels.
-        row: int64 (K,), rows.
-        other: int64 (K,), rows.
-    """
-    offset = uv_px[row].astype(np.float64) - uv_px[other]
-    return np.sqrt(np.einsum("nk,nk->n", offset, offset))

@@ -205,8 +205,6 @@ def test_neighbours_in_pairs_of_several_sizes(monkeypatch: pytest.MonkeyPatch) -
     line, partly = np.array([[0, 0], [1, 0], [10, 0]], float), np.array([True, True, False])
     row, other = continuity.nearest_neighbours(line, partly, np.array([0, 3]), 9)
     assert (row.tolist(), other.tolist()) == ([0, 1], [1, 0])
-    at, to = np.array([0, 1]), np.array([1, 2])
-    assert continuity.distance_px(cross, at, to).tolist() == [3, math.sqrt(13)]
 
 
 TAPVID = TapvidSettings(
