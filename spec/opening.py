@@ -23,15 +23,10 @@ def is_name(text: str) -> bool:
     return NAME.fullmatch(text) is not None and ".." not in text
 
 
-def _are_names(column: pa.ChunkedArray) -> bool:
-    """Return whether every text of a column may name a tier or a sequence."""
-    shaped = pc.match_substring_regex(column, f"^(?:{NAME.pattern})$")
-    return pc.all(pc.and_not(shaped, pc.match_substring(column, ".."))).as_py() is not False
-
-
 def check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> None:
     """Refuse names that cannot be those of folders, and tiers that are not described."""
-    if not _are_names(listing["id"]) or not _are_names(listing["tier"]):
+    names = {column: listing[column].unique().to_pylist() for column in ("id", "tier")}
+    if not all(map(is_name, (*names["id"], *names["tier"]))):
         named = zip(listing["id"].to_pylist(), listing["tier"].to_pylist(), strict=True)
         name, tier = next(each for each in named if not all(map(is_name, each)))
         raise SpecError(
@@ -40,7 +35,7 @@ def check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> 
             where="id, tier",
             found=f"{name!r:.80}, {tier!r:.80}",
         )
-    for tier in listing["tier"].unique().to_pylist():
+    for tier in names["tier"]:
         if tier not in tiers:
             first = pc.index(listing["tier"], tier).as_py()
             raise SpecError(
