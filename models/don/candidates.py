@@ -6,21 +6,7 @@ import torch
 from torch.nn import functional
 
 from pliant.models.losses.matches import Candidates
-
-
-def pixel_grid(height: int, width: int, step: int, device: torch.device) -> torch.Tensor:
-    """Return the centres of cells of `step` x `step` pixels, row-major: float (h w, 2) as (u, v).
-
-    Args:
-        height: Rows of cells.
-        width: Columns of cells.
-        step: Side of a cell, px.
-        device: Where to.
-    """
-    v, u = torch.meshgrid(
-        torch.arange(height, device=device), torch.arange(width, device=device), indexing="ij"
-    )
-    return (torch.stack([u, v], dim=-1).reshape(-1, 2) + 0.5) * step
+from pliant.models.networks.descriptor_network import pixel_grid
 
 
 def all_bins(descriptors: torch.Tensor, mask: torch.Tensor, bin_px: int = 1) -> Candidates:

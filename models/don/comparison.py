@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from pliant.models.don.candidates import pixel_grid, widened
+from pliant.models.don.candidates import widened
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.losses.distributional import log_probabilities
-from pliant.models.networks.descriptor_network import sample_descriptors
+from pliant.models.networks.descriptor_network import pixel_grid, sample_descriptors
 from pliant.spec.frame import Frame
 
 _MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side

@@ -180,6 +180,21 @@ def build_network(
     return network
 
 
+def pixel_grid(height: int, width: int, step: int, device: torch.device) -> torch.Tensor:
+    """Return the centres of cells of `step` x `step` pixels, row-major: float (h w, 2) as (u, v).
+
+    Args:
+        height: Rows of cells.
+        width: Columns of cells.
+        step: Side of a cell, px.
+        device: Where to.
+    """
+    v, u = torch.meshgrid(
+        torch.arange(height, device=device), torch.arange(width, device=device), indexing="ij"
+    )
+    return (torch.stack([u, v], dim=-1).reshape(-1, 2) + 0.5) * step
+
+
 def sample_descriptors(descriptors: torch.Tensor, uv_px: torch.Tensor) -> torch.Tensor:
     """Return descriptors between pixels, bilinearly; pixel (0, 0) has its centre at (0.5, 0.5).
 

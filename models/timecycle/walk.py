@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import torch
 from torch.nn import functional
 
+from pliant.models.networks.descriptor_network import pixel_grid
 from pliant.models.timecycle.settings import WalkSettings
 
 _FLOOR = 1e-9
@@ -59,12 +60,7 @@ def warped_copies(
     angle = draws[:, 0] * math.radians(settings.turn_deg)
     scale = (1 + settings.scale) ** draws[:, 1]
     size = torch.tensor([width, height], device=device, dtype=torch.float32)
-    v, u = torch.meshgrid(
-        torch.arange(height, device=device) + 0.5,
-        torch.arange(width, device=device) + 0.5,
-        indexing="ij",
-    )
-    centred = torch.stack([u, v], dim=-1) - size / 2  # (H, W, 2)
+    centred = pixel_grid(height, width, 1, device).view(height, width, 2) - size / 2
     moved = centred - (settings.shift * size * draws[:, 2:])[:, None, None]
     cos, sin = angle.cos() / scale, angle.sin() / scale
     back = torch.stack([torch.stack([cos, -sin], -1), torch.stack([sin, cos], -1)], dim=1)
