@@ -12,6 +12,7 @@ from pliant.evaluator.scores import Scores
 from pliant.models import load_matcher
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
+from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.shipped import CARD
@@ -65,8 +66,9 @@ def export_run(
     if folder.exists() and not (folder / CARD).is_file():
         raise CallError("the folder exists and is not an exported model", path=folder)
     settings = read_yaml(run / CONFIG)
-    further = _further_data(settings)
-    settings = portable(settings, further)
+    also = [FurtherSet.parse(entry) for entry in settings.get("also", ())]
+    further = [Dataset.open(each.data) for each in also if each.data]
+    settings = portable(settings, [each.id for each in further])
     card = model_card(
         name=name,
         settings=settings,
@@ -128,12 +130,12 @@ def _write_files(
             (folder / file).write_text(yaml_text(config), encoding="utf-8")
 
 
-def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[str, Any]:
+def portable(settings: Mapping[str, Any], further: Sequence[str]) -> dict[str, Any]:
     """Return a run's config without the paths of the machine that it ran on.
 
     Args:
         settings: The config.
-        further: The datasets that it names in addition to its own, in its order.
+        further: Ids of the datasets that it names in addition to its own, in its order.
 
     Returns:
         The config with the datasets' ids and the name of the weights that it started from.
@@ -141,17 +143,11 @@ def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[st
     given = {**settings, "cache_dir": "", "network": {**settings.get("network", {})}}
     if source := given["network"].get("pretrained", ""):
         given["network"]["pretrained"] = source if ":" in source else Path(source).name
-    if further:
-        tiers = [entry.partition("#")[2] for entry in given["also"]]
-        given["also"] = [
-            f"{each.id}#{tier}".rstrip("#") for each, tier in zip(further, tiers, strict=True)
-        ]
+    ids = iter(further)
+    also = [FurtherSet.parse(entry) for entry in given.get("also", ())]
+    if also:
+        given["also"] = [str(each._replace(data=next(ids)) if each.data else each) for each in also]
     return given
-
-
-def _further_data(settings: Mapping[str, Any]) -> list[Dataset]:
-    entries = [entry.partition("#")[0] for entry in settings.get("also", [])]
-    return [Dataset.open(path) for path in entries if path]
 
 
 def halved(weights: Weights) -> Weights:

@@ -8,6 +8,7 @@ from typing import Any
 from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import joined
+from pliant.models.don.settings import FurtherSet
 
 
 def model_card(
@@ -58,7 +59,7 @@ def model_card(
 
 def _tiers(first: str, also: Sequence[str]) -> str:
     """Return the tiers of a training and of its other sets, `DATA#TIER` each, as a phrase."""
-    others = (each.partition("#")[2] or first for each in also)
+    others = (FurtherSet.parse(each).tier or first for each in also)
     tiers = [f"`{tier}`" for tier in sorted({first, *others})]
     return f"{'tiers' if len(tiers) > 1 else 'tier'} {joined(tiers)}"
 

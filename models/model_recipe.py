@@ -17,7 +17,7 @@ from typing import Any, Final, Self
 from pydantic import model_validator
 
 from pliant.models.don.mask_training import fit_masks
-from pliant.models.don.settings import DonSettings
+from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don
 from pliant.models.export import export_run
 from pliant.models.networks.mask_network import MASKS
@@ -210,7 +210,7 @@ def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:
     first, *more = stage.sets
     own: dict[str, Any] = {
         "tier": tiers[first],
-        "also": [f"{out / 'sets' / name}#{tiers[name]}" for name in more],
+        "also": [str(FurtherSet(str(out / "sets" / name), tiers[name])) for name in more],
         "cache_dir": str(out / "cache"),
     }
     if stage.start:

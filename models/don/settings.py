@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
@@ -184,6 +184,22 @@ class AnswerSettings(Settings):
     distribution: Literal["modes", "none"] = "modes"
 
 
+class FurtherSet(NamedTuple):
+    """An entry of `also`: a dataset and a tier; an empty one is that of the run."""
+
+    data: str
+    tier: str
+
+    @classmethod
+    def parse(cls, entry: str) -> Self:
+        """Read `DATA#TIER`, either part of which may be left out."""
+        data, _, tier = entry.partition("#")
+        return cls(data, tier)
+
+    def __str__(self) -> str:
+        return f"{self.data}#{self.tier}".rstrip("#")
+
+
 class DonSettings(RunSettings):
     """A whole run of Dense Object Nets.
 
@@ -205,6 +221,11 @@ class DonSettings(RunSettings):
     validation: PairValidationSettings = PairValidationSettings()
     answer: AnswerSettings = AnswerSettings()
     also: tuple[str, ...] = ()
+
+    @property
+    def further(self) -> list[FurtherSet]:
+        """The entries of `also`."""
+        return [FurtherSet.parse(entry) for entry in self.also]
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -60,9 +60,8 @@ def training_data(dataset: Dataset, settings: DonSettings) -> list[tuple[Dataset
         settings: The config, its tier named.
     """
     found = [(dataset, settings.tier)]
-    for entry in settings.also:
-        path, _, tier = entry.partition("#")
-        found.append((Dataset.open(path) if path else dataset, tier or settings.tier))
+    for data, tier in settings.further:
+        found.append((Dataset.open(data) if data else dataset, tier or settings.tier))
     return found
 
 

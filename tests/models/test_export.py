@@ -349,13 +349,16 @@ def test_further_data_and_first_weights_are_named_without_paths(
     settings = read_settings(DonSettings, trained / "config.yaml")
     network = settings.network.replace(pretrained=str(trained))
     changed = settings.replace(
-        network=network, also=(f"{tiny_dataset}#rope",), steps=2, cache_dir=str(tmp_path / "cache")
+        network=network,
+        also=(f"{tiny_dataset}#rope", "#rope"),
+        steps=2,
+        cache_dir=str(tmp_path / "cache"),
     )
     train_don(Dataset.open(tiny_dataset), tmp_path / "run", changed)
     dataset = Dataset.open(tiny_dataset)
     folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
     config = yaml.safe_load((folder / "config.yaml").read_text())
-    assert config["also"] == [f"{dataset.id}#rope"]
+    assert config["also"] == [f"{dataset.id}#rope", "#rope"]
     assert config["network"]["pretrained"] == trained.name
     assert str(tmp_path) not in "".join(p.read_text() for p in folder.glob("*.yaml"))
     assert (folder / f"data-{dataset.id}.yaml").read_text() == (folder / "data.yaml").read_text()
