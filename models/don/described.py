@@ -24,6 +24,7 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
+_KEPT_UPRIGHT = 4  # both views of a pair, each as it is and as from above
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,23 @@ class DescribedView:
         upright = self.maps[0]
         flat: npt.NDArray[np.float32] = upright.flatten(1).T.numpy()
         return flat if self.mask is None or not self.mask.any() else flat[self.mask.reshape(-1)]
+
+
+@dataclass(frozen=True)
+class _UprightView:
+    """A frame as the network sees it, not turned.
+
+    Attributes:
+        image: float (C, h, w), the network's input.
+        mask: bool (h, w), the queried object, or None.
+        objects: bool (h, w), any object, or None.
+        descriptors: float (D, h, w).
+    """
+
+    image: torch.Tensor
+    mask: Mask | None
+    objects: Mask | None
+    descriptors: torch.Tensor
 
 
 def _bytes_of(described: DescribedView) -> int:
@@ -82,6 +100,7 @@ class ViewDescriber:
         self.masks: MaskNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
+        self._upright: LRUCache[_UprightView] = LRUCache(_KEPT_UPRIGHT)
         self._found: LRUCache[tuple[Mask, Mask | None] | None] = LRUCache(_KEPT_MASKS)
 
     def share(self, folder: Path) -> None:
@@ -153,24 +172,24 @@ class ViewDescriber:
         head = self.network.canonical
         if head is None:
             return 0.0
-        image, mask, _ = self._image(view)
-        with torch.inference_mode():
-            upright = self.network(self._turned(image, 0))[0].cpu()
-        rows = torch.from_numpy(DescribedView([upright], None, mask, None).on_object())
+        upright = self._seen(view)
+        described = DescribedView([upright.descriptors], None, upright.mask, None)
+        rows = torch.from_numpy(described.on_object())
         parts = head.log_probabilities_in_parts(rows, self.network.scale.detach().cpu())
         return float(torch.cat([part.max(dim=1).values for part in parts]).mean())
 
     def _describe(self, view: Frame) -> DescribedView:
-        image, mask, objects = self._image(view)
-        with torch.inference_mode():
-            maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
-            mirrored = None
-            if self.mirrored:
-                mirrored = self.network(self._turned(image.flip(2), 0))[0].cpu().flip(2)
-        return DescribedView(maps, mirrored, mask, objects)
+        upright = self._seen(view)
+        maps = [upright.descriptors]
+        maps += [self._descriptors(upright.image, turn) for turn in self.turns[1:]]
+        mirrored = self._descriptors(upright.image.flip(2), 0).flip(2) if self.mirrored else None
+        return DescribedView(maps, mirrored, upright.mask, upright.objects)
 
-    def _image(self, view: Frame) -> tuple[torch.Tensor, Mask | None, Mask | None]:
-        """Return a view as the network sees it, and its masks at the network's size."""
+    def _seen(self, view: Frame) -> _UprightView:
+        """Return a view as the network sees it, which it may be asked for twice."""
+        return self._upright.get(view.cache_key, lambda: self._see(view))
+
+    def _see(self, view: Frame) -> _UprightView:
         rgb, depth_m = self._resized(view)
         mask, objects = (
             None if each is None else resize_mask(each, self.size, keep_thin=True)
@@ -179,7 +198,13 @@ class ViewDescriber:
         if mask is None and self.given.masks and self.network.foreground:
             logits = self._out(self.given.image(rgb, depth_m)).foreground[0].cpu()
             mask, objects = (logits > 0).numpy()
-        return torch.from_numpy(self.given.image(rgb, depth_m, mask, objects)), mask, objects
+        image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
+        return _UprightView(image, mask, objects, self._descriptors(image, 0))
+
+    def _descriptors(self, image: torch.Tensor, turn: int) -> torch.Tensor:
+        """Return the descriptors of an image turned by quarter turns."""
+        with torch.inference_mode():
+            return self.network(self._turned(image, turn))[0].cpu()
 
     def _resized(
         self, view: Frame
