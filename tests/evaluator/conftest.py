@@ -9,7 +9,7 @@ itself where cos theta < 0.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,7 @@ CLOTH = tier(
 _ANGLE = coordinate("theta", -np.pi, np.pi, 0.012, 2 * np.pi)
 ROPE = tier("rope", "rope", {"rope": [coordinate("s", 0, 1, 1.2), _ANGLE]})
 SIZES = {"cloth": (96.0, 60.0), "rope": (110.0, 8.0)}  # px
+_POSES = ((70, 90), (50, 70), (-0.5, 0.5))  # limits of centre u, centre v and angle
 
 
 @dataclass(frozen=True)
@@ -181,68 +182,57 @@ def make_scene(
     rows: list[dict[str, Any]] = []
     asked: list[dict[str, Any]] = []
     true: list[dict[str, Any]] = []
-    pair = 0
+    frame_pairs = [(a, b) for a in range(sources) for b in range(a + 1, frames)]
     for each in described:
         kind = each["name"]
         points = material_points(kind)
         for index in range(sequences):
             name = f"{kind}-{split}-{index:06d}"
-            folder = layout.sequence_dir(root, kind, name)
-            poses = np.stack(
-                [
-                    rng.uniform(70, 90, frames),
-                    rng.uniform(50, 70, frames),
-                    rng.uniform(-0.5, 0.5, frames),
-                ],
-                axis=1,
-            )
-            rows.append(
-                listing_row(
-                    name,
-                    kind,
-                    split,
-                    frames,
-                    shape="open" if kind == "rope" else None,
-                    temporal=temporal,
-                    style="raster",
-                    coverage=0.5 + 0.1 * index if kind == "cloth" else None,
-                    self_occluded=0.1,
-                )
-            )
+            poses = np.stack([rng.uniform(*limits, frames) for limits in _POSES], axis=1)
+            facts: dict[str, Any] = {"temporal": temporal, "style": "raster", "self_occluded": 0.1}
+            facts |= {"shape": "open"} if kind == "rope" else {"coverage": 0.5 + 0.1 * index}
+            rows.append(listing_row(name, kind, split, frames, **facts))
             if images:
-                _write_images(folder, kind, poses, points, each)
-            asked_pairs = [(a, b) for a in range(sources) for b in range(a + 1, frames)]
-            for source, frame in asked_pairs:
-                facing = np.cos(points[:, 1]) > 0 if kind == "rope" else np.ones(len(points), bool)
-                chosen = rng.choice(len(points), queries, replace=False)
-                at_a = project(kind, poses[source], points[chosen].astype(float))
-                at_b = project(kind, poses[frame], points[chosen].astype(float))
-                partners = _partners(each, points[chosen].astype(float), kind, poses[frame])
-                seen = rng.random((queries, len(each["symmetries"]))) < 0.75
-                covered = rng.random(queries) < hidden if hidden else np.zeros(queries, bool)
-                for query in range(queries):
-                    key = {"pair_id": pair, "query_id": query, "tier": kind}
-                    (u_a, v_a), (u_b, v_b) = at_a[query], at_b[query]
-                    pixel = {"sequence_a": name, "frame_a": source, "u_a": u_a, "v_a": v_a}
-                    asked.append({**key, **pixel, "sequence_b": name, "frame_b": frame})
-                    answer = {
-                        "point": int(chosen[query]),
-                        "u_b": u_b,
-                        "v_b": v_b,
-                        "visibility_b": "occluded"
-                        if covered[query]
-                        else ("visible" if facing[chosen[query]] else "self_occluded"),
-                        "box_px": SIZES[kind][0],
-                    }
-                    others = [
-                        {"u": u, "v": v, "visibility": "visible" if fine else "occluded"}
-                        for (u, v), fine in zip(partners[query], seen[query], strict=True)
-                    ]
-                    true.append({**key, **answer, "alternatives": others})
-                pair += 1
+                _write_images(layout.sequence_dir(root, kind, name), kind, poses, points, each)
+            for a, b in frame_pairs:
+                pair = {"pair_id": len(asked) // queries, "tier": kind}
+                seen_in = {"sequence_a": name, "frame_a": a, "sequence_b": name, "frame_b": b}
+                drawn = _draw_queries(rng, each, points, poses[[a, b]], queries, hidden)
+                for query, (pixel, answer) in enumerate(drawn):
+                    asked.append({**pair, "query_id": query, **seen_in, **pixel})
+                    true.append({**pair, "query_id": query, **answer})
     write_dataset(root, "analytic", rows, described, (WIDTH, HEIGHT), splits=[split])
     queries_table, truth_table = write_queries(root, "analytic", split, asked, true)
     return Scene(root, split, queries_table, truth_table)
+
+
+def _draw_queries(
+    rng: np.random.Generator,
+    described: dict[str, Any],
+    points: np.ndarray,
+    poses: np.ndarray,
+    count: int,
+    hidden: float,
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Draw queries of a pair of frames: the pixel of each, and its answer."""
+    kind = described["name"]
+    chosen = rng.choice(len(points), count, replace=False)
+    material = points[chosen].astype(float)
+    at_a, at_b = (project(kind, pose, material) for pose in poses)
+    partners = _partners(described, material, kind, poses[1])
+    seen = rng.random(partners.shape[:2]) < 0.75
+    covered = rng.random(count) < hidden if hidden else np.zeros(count, bool)
+    facing = np.cos(material[:, 1]) > 0 if kind == "rope" else np.ones(count, bool)
+    states = np.select([covered, facing], ["occluded", "visible"], "self_occluded")
+    for query in range(count):
+        (u_a, v_a), (u_b, v_b) = at_a[query], at_b[query]
+        others = [
+            {"u": u, "v": v, "visibility": "visible" if fine else "occluded"}
+            for (u, v), fine in zip(partners[query], seen[query], strict=True)
+        ]
+        answer = {"point": int(chosen[query]), "u_b": u_b, "v_b": v_b, "box_px": SIZES[kind][0]}
+        answer |= {"visibility_b": str(states[query]), "alternatives": others}
+        yield {"u_a": u_a, "v_a": v_a}, answer
 
 
 def _partners(
