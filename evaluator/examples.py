@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from pliant.evaluator.metrics.blocks import VISIBLE, positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -72,7 +72,7 @@ class Example:
 
 
 def choose_examples(
-    answers: SplitAnswers,
+    answers: PlacedAnswers,
     queries: Queries,
     columns: Mapping[str, FloatArray],
     truth: Path,
@@ -132,7 +132,7 @@ def _main_cause(columns: Mapping[str, FloatArray], pair: int) -> str:
 
 def _rows(
     pair: int,
-    answers: SplitAnswers,
+    answers: PlacedAnswers,
     queries: Queries,
     asked: pa.Table,
     true: pa.Table,

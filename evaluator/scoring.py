@@ -31,7 +31,7 @@ from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table
 from pliant.evaluator.statistics.bootstrap import intervals
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.evaluator.submission.answers import SplitAnswers, SplitMatches, coordinate_hints
+from pliant.evaluator.submission.answers import PlacedAnswers, PlacedMatches, coordinate_hints
 from pliant.evaluator.submission.loading import Loaded
 from pliant.evaluator.truth_hints import TruthHints
 from pliant.spec.dataset import Dataset
@@ -75,7 +75,7 @@ def score(
         SpecError: The dataset or the truth is at fault.
     """
     queries, has_images = loaded.queries, _has_images(dataset)
-    answers = loaded.answers if isinstance(loaded.answers, SplitAnswers) else None
+    answers = loaded.answers if isinstance(loaded.answers, PlacedAnswers) else None
     has_causes = has_images and answers is not None and not hide_truth
     context = _context(loaded, dataset, protocol, has_causes)
     metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
@@ -126,7 +126,7 @@ def _context(
     reach_px = CausesSettings().precise * max(queries.size) if has_causes else 0
     silhouettes = "slices" in settings and bool(settings["slices"].silhouette_px)
     surfaces = Surfaces(dataset, search_px, reach_px, silhouettes=silhouettes)
-    rows = answers.answers if isinstance(answers, SplitMatches) else answers
+    rows = answers.answers if isinstance(answers, PlacedMatches) else answers
     return ScoringContext(dataset, queries, rows, PairTable(queries.pairs, names), surfaces)
 
 
@@ -141,7 +141,7 @@ def _blocks(
 ) -> Iterator[Block]:
     """Yield the split, or its keypoint matches, with the truth that the metrics need."""
     queries = loaded.queries
-    if isinstance(loaded.answers, SplitMatches):
+    if isinstance(loaded.answers, PlacedMatches):
         footprints = protocol.settings["matches"].visible_within_footprints
         return match_blocks(loaded.answers, context, footprints)
     rows_with_images = min(BLOCK_ROWS, _PAIRS_WITH_IMAGES * -(-queries.rows // queries.pairs))
@@ -164,7 +164,7 @@ def _summary(
 ) -> Summary:
     """Return the metrics' own results and the quotient of every ratio, by group."""
     queries, answers = loaded.queries, loaded.answers
-    starts = answers.starts if isinstance(answers, SplitMatches) else queries.starts
+    starts = answers.starts if isinstance(answers, PlacedMatches) else queries.starts
     summary, groups = Summary(), Groups.of(queries, starts)
     for metric in metrics:
         metric.finish(groups, summary)
@@ -194,7 +194,7 @@ def _results(
         found = summary.values.get(group, {})
         return {figure: found[figure] for figure in protocol.figures if figure in found}
 
-    if isinstance(answers, SplitMatches):
+    if isinstance(answers, PlacedMatches):
         coverage = float((np.diff(answers.starts) > 0).mean())
     else:
         coverage = answers.answered / queries.rows

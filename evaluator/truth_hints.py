@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.submission.answers import LEAST_ANSWERS, MOST_COMPARED, SplitAnswers
+from pliant.evaluator.submission.answers import LEAST_ANSWERS, MOST_COMPARED, PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import FloatArray
 
@@ -38,7 +38,7 @@ class TruthHints:
         queries: The queries.
     """
 
-    def __init__(self, answers: SplitAnswers, queries: Queries) -> None:
+    def __init__(self, answers: PlacedAnswers, queries: Queries) -> None:
         self._predicted, self._size = answers.visible, queries.size
         self._step = max(1, queries.rows // MOST_COMPARED)
         self._kept: list[tuple[FloatArray, FloatArray]] = []

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
@@ -125,7 +125,7 @@ class ScoringContext:
 
     dataset: Dataset
     queries: Queries
-    answers: SplitAnswers
+    answers: PlacedAnswers
     table: PairTable
     surfaces: Surfaces
 

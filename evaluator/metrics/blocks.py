@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -132,7 +132,7 @@ class Block:
 def read_blocks(
     queries: Queries,
     truth: Path,
-    answers: SplitAnswers,
+    answers: PlacedAnswers,
     *,
     truth_columns: Sequence[str] = (),
     query_pixels: bool = False,

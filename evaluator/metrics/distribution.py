@@ -18,7 +18,7 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.mixtures import Mixtures
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
@@ -174,7 +174,7 @@ class Distribution(Metric[DistributionSettings]):
 
 
 def answered_mixtures(
-    answers: SplitAnswers, block: Block, chosen: IntArray, sigma_floor_px: float
+    answers: PlacedAnswers, block: Block, chosen: IntArray, sigma_floor_px: float
 ) -> Mixtures:
     """Return the distributions of some rows of a block, their sigma floored.
 

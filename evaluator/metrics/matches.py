@@ -21,7 +21,7 @@ from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surface_images import ObjectSurface, nearest_object_pixel
 from pliant.evaluator.metrics.surfaces import Surfaces
-from pliant.evaluator.submission.answers import SplitMatches
+from pliant.evaluator.submission.answers import PlacedMatches
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -62,7 +62,7 @@ class Matches(Metric[MatchesSettings]):
 
 
 def match_blocks(
-    found: SplitMatches, context: ScoringContext, footprints: float
+    found: PlacedMatches, context: ScoringContext, footprints: float
 ) -> Iterator[Block]:
     """Yield the matches of each pair that has some, with their truth.
 

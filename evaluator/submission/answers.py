@@ -22,7 +22,7 @@ MOST_COMPARED: Final = 200_000
 
 
 @dataclass(frozen=True)
-class SplitAnswers:
+class PlacedAnswers:
     """The answers of a split, in the order of its queries.
 
     Attributes:
@@ -60,7 +60,7 @@ class SplitAnswers:
 
 def place_answers(
     values: Values, queries: Queries, problems: Problems, *, allow_missing: bool = False
-) -> SplitAnswers:
+) -> PlacedAnswers:
     """Put every row of a submission in its place.
 
     Args:
@@ -94,7 +94,7 @@ def place_answers(
     if answered < queries.rows and not allow_missing:
         _note_missing(placed, queries, problems)
     modes = values.modes
-    return SplitAnswers(
+    return PlacedAnswers(
         uv_px=placed,
         visible=scattered(values.reals["visible"]) if "visible" in values.reals else None,
         sigma_px=scattered(values.reals["sigma"]) if "sigma" in values.reals else None,
@@ -181,7 +181,7 @@ def _note_missing(uv_px: RealArray, queries: Queries, problems: Problems) -> Non
 
 
 @dataclass(frozen=True)
-class SplitMatches:
+class PlacedMatches:
     """The keypoint matches of a split, by pair, at most one from each source pixel.
 
     Attributes:
@@ -195,12 +195,12 @@ class SplitMatches:
     uv_b_px: FloatArray
 
     @property
-    def answers(self) -> SplitAnswers:
+    def answers(self) -> PlacedAnswers:
         """The target keypoints as answers to the source keypoints."""
-        return SplitAnswers(self.uv_b_px, answered=len(self.uv_b_px))
+        return PlacedAnswers(self.uv_b_px, answered=len(self.uv_b_px))
 
 
-def place_matches(values: Values, queries: Queries, problems: Problems) -> SplitMatches:
+def place_matches(values: Values, queries: Queries, problems: Problems) -> PlacedMatches:
     """Group the matches of a submission by pair.
 
     The truth has one value for each source pixel. Of several matches from one pixel only the one
@@ -238,7 +238,7 @@ def place_matches(values: Values, queries: Queries, problems: Problems) -> Split
     kept = _best_of_each_pixel(pair, rows)
     kept_count = np.bincount(pair[kept], minlength=queries.pairs)
     uv = rows[kept]
-    return SplitMatches(np.concatenate([[0], np.cumsum(kept_count)]), uv[:, :2], uv[:, 2:4])
+    return PlacedMatches(np.concatenate([[0], np.cumsum(kept_count)]), uv[:, :2], uv[:, 2:4])
 
 
 def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:
@@ -257,7 +257,7 @@ def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:
     return order[first]
 
 
-def coordinate_hints(answers: SplitAnswers, queries: Queries) -> list[str]:
+def coordinate_hints(answers: PlacedAnswers, queries: Queries) -> list[str]:
     """Return what looks wrong about the answers alone; safe to show where the truth is hidden.
 
     Args:

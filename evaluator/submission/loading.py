@@ -18,8 +18,8 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.submission.answers import (
-    SplitAnswers,
-    SplitMatches,
+    PlacedAnswers,
+    PlacedMatches,
     coordinate_hints,
     place_answers,
     place_matches,
@@ -55,7 +55,7 @@ class Loaded:
 
     submission: Submission
     queries: Queries
-    answers: SplitAnswers | SplitMatches
+    answers: PlacedAnswers | PlacedMatches
 
 
 def load(
@@ -123,7 +123,7 @@ def _placed(
     allow_missing: bool,
 ) -> Loaded | None:
     values = read_values(table, submission.columns, problems)
-    answers: SplitAnswers | SplitMatches
+    answers: PlacedAnswers | PlacedMatches
     if submission.kind == "matches":
         answers = place_matches(values, queries, problems)
     else:
@@ -277,6 +277,6 @@ def inspect(
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     problems = Problems(submission)
     loaded = load(Path(submission), dataset, problems, allow_missing=allow_missing, limits=limits)
-    if loaded is not None and isinstance(loaded.answers, SplitAnswers):
+    if loaded is not None and isinstance(loaded.answers, PlacedAnswers):
         problems.hints = coordinate_hints(loaded.answers, loaded.queries)
     return problems

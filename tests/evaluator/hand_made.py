@@ -20,7 +20,7 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import VISIBLE, Block, Partners
 from pliant.evaluator.metrics.localisation import Counts
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 
 HIDDEN = VISIBLE + 1
@@ -81,7 +81,7 @@ class Split:
             self.rows["missing"] = missing
         self.queries, self.cut, self.partners = queries, cut, partners
         self.context = ScoringContext(
-            dataset or episodes(), queries, SplitAnswers(uv_px, **answers or {}),
+            dataset or episodes(), queries, PlacedAnswers(uv_px, **answers or {}),
             PairTable(queries.pairs, []), surfaces,
         )  # fmt: skip
 

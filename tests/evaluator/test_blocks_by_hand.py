@@ -15,7 +15,7 @@ from pliant.evaluator.metrics import blocks
 from pliant.evaluator.metrics.base import Groups, Metric, Summary
 from pliant.evaluator.metrics.blocks import check_truth, read_blocks
 from pliant.evaluator.metrics.causes import Causes, cause_rows
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import write_table
@@ -54,9 +54,9 @@ ANSWERS = np.concatenate([off_by(3, 0, 500, 4), [[700, 10]]])
 
 def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:
     queries, truth = written(tmp_path)
-    (block,) = read_blocks(queries, truth, SplitAnswers(ANSWERS, answered=5), cap_errors=True)
+    (block,) = read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5), cap_errors=True)
     np.testing.assert_array_equal(block.answer_px, [*off_by(3, 0, 50, 4), [700, 10]])
-    (block,) = read_blocks(queries, truth, SplitAnswers(ANSWERS, answered=5))
+    (block,) = read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5))
     np.testing.assert_array_equal(block.answer_px, ANSWERS)
     # A length that is the bound stays as it is, to the last bit.
     answer = np.array([[0.1, 0.7]])
@@ -81,7 +81,7 @@ def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:
 def test_a_truth_that_is_refused(columns: dict[str, Any], said: str, tmp_path: Path) -> None:
     queries, truth = written(tmp_path, **columns)
     with pytest.raises(SpecError, match=said):
-        list(read_blocks(queries, truth, SplitAnswers(ANSWERS, answered=5), block_rows=3))
+        list(read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5), block_rows=3))
 
 
 def test_a_truth_of_more_rows_is_refused(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_truth_of_more_rows_is_refused(tmp_path: Path) -> None:
     longer = pq.read_table(truth)
     pq.write_table(pa.concat_tables([longer, longer.slice(4)]), truth)
     with pytest.raises(SpecError, match="6 rows; required: 5 rows"):
-        list(read_blocks(queries, truth, SplitAnswers(ANSWERS, answered=5)))
+        list(read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5)))
 
 
 @pytest.mark.parametrize("wrong", ["dataset_id", "dataset_version", "split", "sha"])

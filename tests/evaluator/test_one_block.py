@@ -18,7 +18,7 @@ from pliant.evaluator.metrics.causes import (
 )
 from pliant.evaluator.metrics.distribution import answered_mixtures
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.spec.model import Tier
 from tests.evaluator.conftest import CLOTH, ROPE
 
@@ -125,13 +125,13 @@ def test_distributions_of_some_answers() -> None:
     uv_px = np.arange(10.0).reshape(5, 2)
     given = block(uv_px[BEFORE:], uv_px[BEFORE:])
     chosen = np.array([0, 2])
-    sigma = SplitAnswers(uv_px, sigma_px=np.array([9.0, 9, 0.2, 9, 3]))
+    sigma = PlacedAnswers(uv_px, sigma_px=np.array([9.0, 9, 0.2, 9, 3]))
     found = answered_mixtures(sigma, given, chosen, 0.5)
     np.testing.assert_array_equal(found.uv_px, [[4, 5], [8, 9]])
     np.testing.assert_array_equal(found.sigma_px, [0.5, 3])
     np.testing.assert_array_equal(found.weight, [1, 1])
     modes = np.array([[1, 2, 0.1, 3], [3, 4, 2, 1], [5, 6, 7, 0.5], [8, 9, 4, 2]], float)
-    several = SplitAnswers(
+    several = PlacedAnswers(
         uv_px, modes=modes, mode_begin=np.array([3, 3, 0, 2, 3]),
         mode_count=np.array([1, 1, 2, 1, 1]),
     )  # fmt: skip

@@ -21,7 +21,7 @@ from pliant.evaluator.metrics.surface_images import (
     typical_step_m,
 )
 from pliant.evaluator.metrics.surfaces import SurfaceFacts, Surfaces
-from pliant.evaluator.submission.answers import SplitMatches
+from pliant.evaluator.submission.answers import PlacedMatches
 from pliant.spec.errors import SpecError
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 from pliant.spec.storage import layout
@@ -218,7 +218,7 @@ def test_matches_by_hand() -> None:
         [3, 3, 3], sequences=["s", "r"], sequence_a=[0, 0, 1], sequence_b=[0, 1, 0],
         frame_a=[0, 4, 0], frame_b=[0, 5, 0],
     )  # fmt: skip
-    found = SplitMatches(
+    found = PlacedMatches(
         np.array([0, 0, 3, 4]), np.array([[1.5, 1.5], [2.5, 1.5], [3.5, 0.5], [0.5, 1.5]]),
         np.array([[1.2, 0.5], [2.5, 0.5], [1.5, 0.5], [0.5, 1.2]]),
     )  # fmt: skip

@@ -18,7 +18,7 @@ from pliant.spec.errors import CallError, PliantError
 from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.catalogue import catalogue
 from pliant.viewer.explorer.documents import answer_document, number
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.layers import (
     FRAME_LAYERS,
     METHOD_LAYERS,
@@ -47,7 +47,7 @@ class Explorer:
     """
 
     def __init__(
-        self, frames: FrameStore, queries: RecordedQueries, methods: Sequence[Method]
+        self, frames: FrameCache, queries: RecordedQueries, methods: Sequence[Method]
     ) -> None:
         self.frames, self.queries, self.methods = frames, queries, list(methods)
         self.truth = TruthFinder(frames, queries)

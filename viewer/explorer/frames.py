@@ -17,7 +17,7 @@ _KEPT_FRAMES: Final = 8
 _KEPT_POSES: Final = 64
 
 
-class FrameStore:
+class FrameCache:
     """Reads frames and keeps the last few; safe to use from several threads.
 
     Args:

@@ -12,7 +12,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.extras import EXTRAS, is_installed
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.submissions import Method, read_report, read_submission
@@ -33,7 +33,7 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
         CallError: The method is unknown, or only answers whole splits.
         SubmissionError: A report or a submission is damaged.
     """
-    frames, queries = FrameStore(dataset), RecordedQueries(dataset)
+    frames, queries = FrameCache(dataset), RecordedQueries(dataset)
     methods: list[Method] = []
     for name in answers or _default_methods(dataset):
         path = Path(name)

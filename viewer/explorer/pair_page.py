@@ -13,7 +13,7 @@ from pliant.evaluator.report.pages import data_uri
 from pliant.spec.dataset import Dataset
 from pliant.spec.queries import QueryPair
 from pliant.viewer.explorer.documents import answer_document
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.layers import ERROR_SCALE_PX, frame_layer, png
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.submissions import read_submission
@@ -43,7 +43,7 @@ def pair_section(dataset: Dataset, pair: QueryPair, submissions: Mapping[str, Pa
         SubmissionError: A submission is damaged.
     """
     queries = RecordedQueries(dataset)
-    truth = TruthFinder(FrameStore(dataset), queries)
+    truth = TruthFinder(FrameCache(dataset), queries)
     methods = [read_submission(path, dataset, queries) for path in submissions.values()]
     places = [pair.at(uv_px) for uv_px in pair.uv_a_px]
     found = [truth.find(each) for each in places]

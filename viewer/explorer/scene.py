@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from pliant.evaluator.report.colours import material_colours
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 
 _TRACKS: Final = 24
 _DEPTH_POINTS: Final = 20000
 
 
-def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, Any]:
+def scene_document(frames: FrameCache, sequence: SequenceRecord) -> dict[str, Any]:
     """Return what all frames of a sequence share, as JSON values.
 
     `faces` int32 (F, 3), `colours` uint8 (N, 3) index colours and `tracks` int32 (K,), numbers of
@@ -51,13 +51,13 @@ def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, An
     }
 
 
-def pose_bytes(frames: FrameStore, frame: RecordedFrame) -> bytes:
+def pose_bytes(frames: FrameCache, frame: RecordedFrame) -> bytes:
     """Return a frame's points: float32 (N, 3) positions in metres, then uint8 (N,) states."""
     points = frames.points(frame)
     return points.xyz_m.astype("<f4").tobytes() + points.state.tobytes()
 
 
-def depth_bytes(frames: FrameStore, frame: RecordedFrame) -> bytes | None:
+def depth_bytes(frames: FrameCache, frame: RecordedFrame) -> bytes | None:
     """Return what the camera measured: float32 (M, 3) world positions, then uint8 (M, 3) colours.
 
     At most 20,000 pixels, evenly chosen; None where the frame has no depth.

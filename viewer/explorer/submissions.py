@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.evaluator.scores import read_scores
-from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.loading import load
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.arrays import FloatArray
@@ -39,7 +39,7 @@ class RecordedMethod:
     kind: Kind = "recorded"
 
     def __init__(
-        self, name: str, split: str, answers: SplitAnswers, queries: RecordedQueries
+        self, name: str, split: str, answers: PlacedAnswers, queries: RecordedQueries
     ) -> None:
         self.name, self._split = name, split
         found = queries.splits[split].rmse_px(answers.uv_px.astype(np.float64))
@@ -96,7 +96,7 @@ def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> R
             fix=f"List all problems with: pliant check {path} --data DATA",
             issues=issues,
         )
-    if not isinstance(loaded.answers, SplitAnswers):
+    if not isinstance(loaded.answers, PlacedAnswers):
         raise CallError(
             "keypoint matches answer no queries", path=path, required="a submission of answers"
         )

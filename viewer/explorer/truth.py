@@ -17,7 +17,7 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SpecError
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.recorded import RecordedQueries
 
 REACH_PX: Final = 12.0
@@ -73,7 +73,7 @@ class TruthFinder:
         queries: Its queries with their truth, for frames without a surface image.
     """
 
-    def __init__(self, frames: FrameStore, queries: RecordedQueries) -> None:
+    def __init__(self, frames: FrameCache, queries: RecordedQueries) -> None:
         self._frames, self._queries = frames, queries
 
     def find(self, pair: RecordedPair) -> Truth | None:

@@ -19,7 +19,7 @@ pytest.importorskip("starlette", reason="the explorer needs the extra 'explore'"
 pytest.importorskip("uvicorn", reason="the explorer needs the extra 'explore'")
 
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.submissions import read_submission
@@ -54,7 +54,7 @@ def explorer(tiny_dataset: Path, submit: Callable[[Path, float], Path]) -> Explo
 def make_explorer(root: Path, submission: Path) -> Explorer:
     """Return an explorer of a dataset with `Shifted` and the answers of a submission."""
     dataset = Dataset.open(root)
-    frames, queries = FrameStore(dataset), RecordedQueries(dataset)
+    frames, queries = FrameCache(dataset), RecordedQueries(dataset)
     recorded = read_submission(submission, dataset, queries)
     return Explorer(frames, queries, [LiveMethod(Shifted()), recorded])
 

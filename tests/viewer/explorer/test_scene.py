@@ -12,7 +12,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 from pliant.spec.point_mesh import PosedMesh, triangulate
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
 
 TUBE = MaterialObject(
@@ -68,7 +68,7 @@ def test_weights_give_the_coordinate_back() -> None:
 
 def test_blocks_have_what_the_page_expects(tiny_episode: Path) -> None:
     dataset = Dataset.open(tiny_episode)
-    frames, sequence = FrameStore(dataset), dataset.sequences[0]
+    frames, sequence = FrameCache(dataset), dataset.sequences[0]
     document = scene_document(frames, sequence)
     count = document["points"]
     faces = np.frombuffer(base64.b64decode(document["faces"]), "<i4").reshape(-1, 3)

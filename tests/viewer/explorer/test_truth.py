@@ -12,7 +12,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import TruthFinder
 
@@ -82,7 +82,7 @@ def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path:
     for depth in root.glob("sequences/*/*/depth"):
         shutil.rmtree(depth)
     dataset = Dataset.open(root)
-    truth = TruthFinder(FrameStore(dataset), RecordedQueries(dataset))
+    truth = TruthFinder(FrameCache(dataset), RecordedQueries(dataset))
     pair = dataset.pairs("test")[0]
     known = dataset.truth("test").slice(0, len(pair))
     u, v = (known[name].to_numpy() for name in ("u_b", "v_b"))
