@@ -24,6 +24,8 @@ the source shows."""
 STRIDE: Final = 5
 """Frames between the source frames of scheme `strided`, as TAP-Vid samples them."""
 
+_SEED: Final = 0
+
 _FramePair = tuple[int, int, npt.NDArray[np.int64]]
 
 
@@ -33,7 +35,6 @@ def make_queries(
     tier: str,
     scheme: Scheme,
     pairs: int,
-    seed: int = 0,
     alike: Sequence[Alike] = (),
 ) -> tuple[pa.Table, pa.Table]:
     """Return the queries and the truth of some clips.
@@ -48,7 +49,6 @@ def make_queries(
         tier: Name of their tier.
         scheme: Which pairs of frames.
         pairs: Of scheme `pairs`, the most pairs of a clip.
-        seed: Of the drawing.
         alike: Renamings under which the object looks the same: they give the alternatives.
 
     Returns:
@@ -57,7 +57,7 @@ def make_queries(
     queries, truths = [QUERIES.empty_table()], [TRUTH.empty_table()]
     pair = 0
     for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
-        rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
+        rng = np.random.default_rng(np.random.SeedSequence([_SEED, index]))
         known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
         partners = _partners(clip, alike)
         asked: list[tuple[Any, ...]] = []

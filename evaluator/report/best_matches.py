@@ -21,18 +21,16 @@ from pliant.spec.sequence import RecordedFrame
 
 RIGHT: Final = "#1b9e4b"
 WRONG: Final = "#d8352a"
+_SHOWN: Final = 10
 
 
-def best_matches(
-    dataset: Dataset, pair: QueryPair, submission: Path, count: int = 10
-) -> tuple[str, str]:
-    """Draw the matches of a pair that the method itself scores highest.
+def best_matches(dataset: Dataset, pair: QueryPair, submission: Path) -> tuple[str, str]:
+    """Draw the ten matches of a pair that the method itself scores highest.
 
     Args:
         dataset: The dataset with images and surfaces.
         pair: The pair.
         submission: A submission of kind `matches`.
-        count: How many matches at most.
 
     Returns:
         What is drawn, in words, and both images with the matches as lines (SVG). A match is right
@@ -44,7 +42,7 @@ def best_matches(
     """
     table = read_table(submission, "matches")
     mine = table.filter(pc.equal(table["pair_id"], pair.pair_id))
-    order = np.argsort(-mine["score"].to_numpy(), kind="stable")[:count]
+    order = np.argsort(-mine["score"].to_numpy(), kind="stable")[:_SHOWN]
     uv_a, uv_b = (
         np.stack([mine[name].to_numpy()[order] for name in names], axis=1).astype(np.float64)
         for names in (("u_a", "v_a"), ("u", "v"))

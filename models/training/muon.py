@@ -21,6 +21,8 @@ _COEFFICIENTS: Final = (3.4445, -4.7750, 2.0315)
 _ITERATIONS: Final = 5
 _EPSILON: Final = 1e-7
 _LEAST_ROWS: Final = 16
+_MOMENTUM: Final = 0.95  # Nesterov's
+_ADAM_EPSILON: Final = 1e-8
 
 
 def is_matrix(parameter: torch.Tensor) -> bool:
@@ -58,8 +60,6 @@ class Muon(torch.optim.Optimizer):
     Args:
         groups: Parameter groups with `lr`, `muon` (bool) and `weight_decay`.
         betas: AdamW's.
-        momentum: Muon's, of Nesterov's kind.
-        eps: AdamW's.
     """
 
     def __init__(
@@ -67,8 +67,6 @@ class Muon(torch.optim.Optimizer):
         groups: Iterable[dict[str, Any]],
         *,
         betas: tuple[float, float] = (0.9, 0.999),
-        momentum: float = 0.95,
-        eps: float = 1e-8,
     ) -> None:
         super().__init__(
             groups,
@@ -77,8 +75,8 @@ class Muon(torch.optim.Optimizer):
                 "muon": False,
                 "weight_decay": 0.0,
                 "betas": betas,
-                "momentum": momentum,
-                "eps": eps,
+                "momentum": _MOMENTUM,
+                "eps": _ADAM_EPSILON,
             },
         )
 

@@ -177,20 +177,13 @@ def _open(path: AnyFile, **options: Any) -> pq.ParquetFile:
         raise unreadable(path, error) from error
 
 
-def read_table(
-    path: AnyFile,
-    name: str,
-    columns: Sequence[str] | None = None,
-    *,
-    max_rows: int = limits.MAX_TABLE_ROWS,
-) -> pa.Table:
+def read_table(path: AnyFile, name: str, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a table in the declared types and column order.
 
     Args:
         path: The file.
         name: A key of `TABLES`.
         columns: Names to read, or None for all declared ones.
-        max_rows: The most rows allowed.
 
     Returns:
         Exactly the requested columns, typed as declared, without the file's metadata.
@@ -199,7 +192,7 @@ def read_table(
         FileRefusedError: Missing, damaged, too large; a column missing, of another type or with
             a null it must not hold.
     """
-    file = open_table(path, max_rows=max_rows)
+    file = open_table(path)
     return load_columns(file, path, select_schema(name, columns))
 
 
