@@ -24,6 +24,46 @@ from tests.dataset_files import coordinate, listing_row, tier, write_dataset, wr
 WIDTH, HEIGHT = 240, 200
 HALF_SIDE = 64.0  # of the card, in its own px
 
+METHODS_FILE = '''
+import numpy as np
+import neighbour_of_the_file
+from pliant.baselines import Answers
+
+
+class Shift:
+    """Every point moves by the same amount."""
+
+    def __init__(self, du: float = 0.0, dv: float = 0.0):
+        self.by = np.array([du, dv], np.float32)
+
+    def answer(self, pair):
+        return Answers(pair.uv_a_px + self.by)
+
+
+class OnlyMatches:
+    name = "three-matches"
+
+    def match(self, source, target):
+        at = np.array([[10, 10], [200, 20], [50, 150]], np.float32)
+        return at, at + 4
+
+
+def function(source, target, queries, by=1.0):
+    return queries + by
+
+
+def factory(amount):
+    return Shift(amount, amount)
+
+
+def two_images(first, second, preset=1):
+    return first
+
+
+ready = Shift(2, 2)
+number = 7
+'''
+
 
 @dataclass(frozen=True)
 class Similarity:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +13,8 @@ from types import ModuleType
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+THUMB = Path(__file__).parent / "thumb.yaml"
+"""A benchmark of everything, made in seconds."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -23,6 +26,11 @@ def _sequences_are_made_here() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_open_engine", lambda *_: InProcess())
         yield
+
+
+@pytest.fixture(scope="module")
+def config_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copy(THUMB, tmp_path_factory.mktemp("config")))
 
 
 @contextmanager

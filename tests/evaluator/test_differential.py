@@ -21,12 +21,12 @@ from pliant.evaluator import evaluate
 from pliant.evaluator.metrics import blocks
 from tests.evaluator.figures import figure
 from tests.evaluator.published_tapvid import published, scored, video
+from tests.evaluator.reference_distributions import reference_distribution
 from tests.evaluator.references import (
     Rows,
     answers_of,
     assert_agrees,
     reference_continuity,
-    reference_distribution,
     reference_jitter,
     reference_localisation,
     reference_redetected,

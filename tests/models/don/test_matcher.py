@@ -1,10 +1,10 @@
+"""The learned matcher on a sheet whose colours say where on it a pixel is."""
+
 from __future__ import annotations
 
-import itertools
-import math
 import pickle
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,91 +12,21 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import torch
-from torch import nn
 
 from pliant.baselines.matcher import HeatMatcher
-from pliant.baselines.tracing import Reframed
-from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
-from pliant.models.don import calibration as calibration_module
 from pliant.models.don.calibration import calibrate, fit_sharpness
-from pliant.models.don.candidates import pixel_grid, widened
-from pliant.models.don.certainty import Calibration, mean_doubt
-from pliant.models.don.decoding import Decode, Widths, decode_position, mixture_of_modes
+from pliant.models.don.candidates import widened
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
-from pliant.models.don.search import Search
 from pliant.models.don.settings import AnswerSettings, DonSettings
-from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
+from pliant.models.don.validation import ValidationPair, validate
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network
-from pliant.spec.arrays import Mask
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from pliant.viewer.explorer.descriptor_colours import descriptor_colours
 from tests.loaders.sheet_dataset import sheet_map
-from tests.models.don.planted import planted
-
-SIZE = (80, 60)
-GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])
-
-
-class ColourIsPlace(nn.Module):
-    """The sheet's red and green say where on it a pixel is: a perfect descriptor by hand."""
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        return image[:, :2] * 4
-
-
-def by_colour(settings: AnswerSettings | None = None, scale: float = 8.0) -> DonMatcher:
-    return planted(ColourIsPlace(), SIZE, settings or AnswerSettings(), scale=scale)
-
-
-def calibrated(matcher: DonMatcher, pairs: list[ValidationPair]) -> Calibration:
-    """Return the calibration of a matcher, which a run's folder stores as it is."""
-    found = calibrate(matcher, pairs, SIZE)
-    assert Calibration.from_document(asdict(found)) == found
-    return found
-
-
-@pytest.fixture
-def few_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calibration tries few temperatures and radii: which kinds have one of their own is tested."""
-    monkeypatch.setattr(calibration_module, "TEMPERATURES", (0.5, 1.0, 4.0))
-    monkeypatch.setattr(calibration_module, "MODE_RADII_PX", (4.0,))
-
-
-def drawn(dataset: Dataset, pairs: int, queries: int, seed: int = 3) -> list[ValidationPair]:
-    store = FrameStore(dataset, "sheet", "train", SIZE)
-    return draw_validation_pairs(store, pairs, queries, seed)
-
-
-@pytest.fixture(scope="module")
-def pairs(sheet_dataset: Dataset) -> list[ValidationPair]:
-    return drawn(sheet_dataset, 8, 60, seed=0)
-
-
-def mask_of(view: Frame) -> Mask:
-    assert view.mask is not None
-    return view.mask
-
-
-def first_sigmas(matcher: DonMatcher, pair: Pair) -> npt.NDArray[np.float32]:
-    """Return the standard deviation of each answer's heaviest mode."""
-    modes = matcher.answer(pair).modes
-    assert modes is not None
-    return np.array([rows[rows[:, 3].argmax(), 2] for rows in modes])
-
-
-def within(pair: ValidationPair) -> ValidationPair:
-    """The pair without the points on the sheet's rim, whose colours are mixed with the table's."""
-    keep = np.ones(len(pair.uv_a_px), bool)
-    for view, uv in ((pair.source, pair.uv_a_px), (pair.target, pair.uv_b_px[:, 0])):
-        for shift in ((-2, 0), (2, 0), (0, -2), (0, 2)):
-            column, row = np.floor(uv + shift).astype(int).T
-            keep &= mask_of(view)[row, column]
-    return replace(
-        pair, uv_a_px=pair.uv_a_px[keep], uv_b_px=pair.uv_b_px[keep], visible=pair.visible[keep]
-    )
+from tests.models.don.planted import SIZE, by_colour, drawn, mask_of, within
 
 
 @pytest.mark.parametrize("decode", ["argmax", "median", "soft"])
@@ -211,137 +141,6 @@ def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
     assert 0 < heat.confidence <= 1
 
 
-def likely(weights: dict[int, float]) -> torch.Tensor:
-    """Return log p of one query over 60 pixels, float (1, 60)."""
-    p = torch.full((1, 60), 1e-12)
-    for pixel, weight in weights.items():
-        p[0, pixel] = weight
-    return p.log()
-
-
-PULLED = {23: 0.5, 24: 0.25, 59: 0.25}
-"""The most probable pixel, (3.5, 2.5), has one likely neighbour."""
-PEAK_AND_HILL = {0: 0.28, 57: 0.24, 58: 0.24, 59: 0.24}
-
-
-@pytest.mark.parametrize(
-    ("weights", "how", "place"),
-    [
-        (PULLED, "argmax", [3.5 + 1 / 3, 2.5]),
-        (PULLED, "soft", [5.25, 3.25]),
-        (PEAK_AND_HILL, "median", [8.5, 5.5]),
-        (PEAK_AND_HILL, "argmax", [0.5, 0.5]),
-    ],
-)
-def test_positions_by_hand(weights: dict[int, float], how: Decode, place: list[float]) -> None:
-    found = decode_position(likely(weights), GRID, how)[0]
-    assert found.tolist() == pytest.approx(place, abs=1e-6)
-
-
-TWO_NEAR = {9: 0.3, 11: 0.3, 40: 0.4}
-"""Pixel 40 is the highest; then 9 and 11 share a mode, of variance 1 / 2 per axis."""
-SIX_APART = {20: 0.5, 26: 0.3, 50: 0.2}
-"""Within 9 px the first two are one mode: mean 20 + 6 * 3 / 8, variance 36 * 15 / 64 along u."""
-
-
-@pytest.mark.parametrize(
-    ("weights", "widths", "radius_px", "modes"),
-    [
-        (TWO_NEAR, Widths(0.5), 4.0, [[40.5, 0.5, 0.4], [10.5, math.sqrt(0.5 + 0.25), 0.6]]),
-        # A narrower spread moves neither modes nor weights; a single pixel has none to shrink.
-        (TWO_NEAR, Widths(0.5, 0.5), 4.0, [[40.5, 0.5, 0.4], [10.5, math.sqrt(0.375), 0.6]]),
-        (SIX_APART, Widths(0.0), 4.0, [[20.5, 0, 0.5], [26.5, 0, 0.3], [50.5, 0, 0.2]]),
-        (SIX_APART, Widths(0.0), 9.0, [[22.75, math.sqrt(36 * 15 / 128), 0.8], [50.5, 0, 0.2]]),
-    ],
-)
-def test_modes_by_hand(
-    weights: dict[int, float], widths: Widths, radius_px: float, modes: list[list[float]]
-) -> None:
-    line = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
-    found, used = mixture_of_modes(likely(weights), line, widths, radius_px)
-    shown = found[0][used[0]].numpy()
-    np.testing.assert_allclose(shown[:, [0, 2, 3]], modes, atol=1e-4)
-    np.testing.assert_allclose(shown[:, 1], 0.5, atol=1e-4)
-
-
-def test_the_blur_of_the_target_comes_off() -> None:
-    variance = torch.tensor([4.0, 2.25, 1.0])
-    found = Widths(0.5, 2.0, 1.5).of(variance)
-    # 4 (4 - 2.25) + 0.25 = 7.25; nothing is left of the others but a hundredth.
-    expected = [math.sqrt(7.25), math.sqrt(4 * 0.0225 + 0.25), math.sqrt(4 * 0.01 + 0.25)]
-    assert found.tolist() == pytest.approx(expected, rel=1e-6)
-    # Squared, a deviation of 2 px becomes 4 and one of half a pixel a quarter.
-    apart = Widths(0.0, 1.0, 0.0, 2.0).of(torch.tensor([4.0, 0.25]))
-    assert apart.tolist() == pytest.approx([4.0, 0.25], rel=1e-6)
-
-
-def test_weights_sum_to_one_and_sigmas_are_positive() -> None:
-    log_p = torch.randn(50, 60, generator=torch.Generator().manual_seed(0)).log_softmax(dim=1)
-    modes, used = mixture_of_modes(log_p, GRID, Widths(0.3))
-    torch.testing.assert_close((modes[..., 3] * used).sum(dim=1), torch.ones(50))
-    assert (modes[..., 2][used] >= 0.3).all()
-
-
-@pytest.mark.usefixtures("few_tried")
-def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[ValidationPair]) -> None:
-    """Noise makes the errors larger than the sharp softmax believes."""
-
-    class Noisy(ColourIsPlace):
-        def forward(self, image: torch.Tensor) -> torch.Tensor:
-            g = torch.Generator().manual_seed(int(image.abs().sum() * 1000) % 2**31)
-            return super().forward(image) + 0.7 * torch.randn(image[:, :2].shape, generator=g)
-
-    matcher = by_colour(scale=400.0)
-    matcher.network.backbone = Noisy()
-    calibration = calibrate(matcher, pairs, (640, 480))
-    assert calibration.temperature > 1.5
-    assert calibration.figures is not None
-    assert calibration.figures["ece"] < 0.1
-    matcher.calibration = calibration
-    answers = matcher.answer(pairs[0])
-    assert answers.modes is not None
-    assert all(
-        abs(rows[:, 3].sum() - 1) < 1e-3 and (rows[:, 2] > 0).all() for rows in answers.modes
-    )
-    matcher.settings = AnswerSettings(distribution="none")
-    assert matcher.answer(pairs[0]).modes is None
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("few_tried")
-def test_rectified_views_have_a_calibration_of_their_own(
-    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Truths are 6 px off wherever the target counts as rectified: only its answers doubt more."""
-    rng = np.random.default_rng(0)
-    pairs = []
-    for number, pair in enumerate(map(within, drawn(sheet_dataset, 24, 30))):
-        off = (6 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
-        name = "slanted" if number % 2 else "straight"
-        pairs.append(
-            replace(
-                pair,
-                target=replace(pair.target, key=f"{name} {number}"),
-                uv_b_px=pair.uv_b_px + off * (number % 2),
-            )
-        )
-    matcher = by_colour(scale=400.0)
-
-    def seen(view: Frame) -> Reframed:
-        as_it_is = Reframed.unchanged(view)
-        slanted = view.key.startswith("slanted")
-        return replace(as_it_is, homography=np.eye(3), tilted=True) if slanted else as_it_is
-
-    monkeypatch.setattr(matcher.reader, "seen", seen)
-    calibration = calibrated(matcher, pairs)
-    assert calibration.tilted is not None
-    matcher.calibration = calibration
-    straight, slanted = (first_sigmas(matcher, pair) for pair in pairs[:2])
-    assert np.median(slanted) > 3 * np.median(straight)
-    few = calibrate(matcher, pairs[:12], SIZE)
-    assert few.tilted is None, "six pairs are too few"
-
-
 def test_frames_of_two_datasets_are_not_confused(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """A matcher remembers what it found in a frame by its `cache_key`."""
     other = Dataset.open(shutil.copytree(sheet_dataset.root, tmp_path / "other"))
@@ -349,135 +148,6 @@ def test_frames_of_two_datasets_are_not_confused(sheet_dataset: Dataset, tmp_pat
     for dataset in (sheet_dataset, other):
         keys.append({pair.source.cache_key for pair in drawn(dataset, 4, 5)})
     assert not keys[0] & keys[1]
-
-
-@pytest.mark.usefixtures("few_tried")
-def test_views_without_masks_have_a_calibration_of_their_own(
-    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pairs = [within(pair) for pair in drawn(sheet_dataset, 4, 30)]
-    matcher = by_colour(scale=400.0)
-    assert calibrate(matcher, pairs, SIZE).unmasked is None, "it finds no masks"
-    monkeypatch.setattr(RopeReader, "finds_masks", True)
-    calibration = calibrated(matcher, pairs)
-    assert calibration.unmasked is not None
-    modest = replace(calibration.unmasked, sigma_floor_px=9.0)
-    matcher.calibration = replace(calibration, sigma_floor_px=0.5, unmasked=modest)
-    pair = pairs[0]
-    bare = replace(pair.target, mask=None, objects=None, key="bare")
-    given, found = (
-        first_sigmas(matcher, Pair(pair.source, target, pair.uv_a_px))
-        for target in (pair.target, bare)
-    )
-    assert np.median(given) < 5 < 9 <= np.median(found)
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("few_tried")
-def test_ropes_whose_ends_look_alike_have_a_calibration_of_their_own(
-    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pairs = [within(pair) for pair in drawn(sheet_dataset, 24, 30)]
-    matcher = by_colour(scale=400.0)
-    assert calibrate(matcher, pairs, SIZE).either_way is None, "its ends are not alike"
-    every_second = itertools.cycle([True, False])
-    monkeypatch.setattr(Search, "either_way", property(lambda _: next(every_second)))
-    assert calibrated(matcher, pairs).either_way is not None
-
-
-def test_of_several_calibrations_that_of_found_masks_holds_first_and_a_tilts_last() -> None:
-    tilted, unmasked, either = (Calibration(spread=spread) for spread in (2.0, 3.0, 4.0))
-    known = Calibration(tilted=tilted, unmasked=unmasked, either_way=either)
-    assert known.for_views(tilted=True, unmasked=True, either_way=True) is unmasked
-    assert known.for_views(tilted=True, unmasked=False, either_way=True) is either
-    assert known.for_views(tilted=True, unmasked=False, either_way=False) is tilted
-    assert known.for_views(tilted=False, unmasked=False, either_way=False) is known
-    older = Calibration(tilted=tilted)
-    assert older.for_views(tilted=True, unmasked=True, either_way=True) is tilted
-    assert older.for_views(tilted=False, unmasked=True, either_way=True) is older
-
-
-@pytest.mark.usefixtures("few_tried")
-def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
-    pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Every second pair has flattened probabilities and truths moved by 9 px.
-
-    Its doubt is therefore higher, and selects the second of the two calibrations.
-    """
-    rng = np.random.default_rng(0)
-    mixed = []
-    for number, pair in enumerate(pairs):
-        vague = number % 2 == 1
-        off = (9 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
-        target = replace(pair.target, key=f"{'vague' if vague else 'clear'} {number}")
-        mixed.append(replace(pair, target=target, uv_b_px=pair.uv_b_px + off * vague))
-    matcher = by_colour(scale=400.0)
-    search = matcher.search
-
-    def blurred(source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]) -> Search:
-        found = search(source, target, uv_a_px)
-        if not target.view.key.startswith("vague"):
-            return found
-        flat = (found.log_p / 40).log_softmax(dim=1)
-        return replace(found, log_p=flat, deciding=flat)
-
-    monkeypatch.setattr(matcher, "search", blurred)
-    together = calibrate(matcher, mixed, SIZE)
-    assert together.doubtful is None, "too few pairs for groups"
-    monkeypatch.setattr(calibration_module, "_PAIRS_A_GROUP", 4)
-    apart = calibrated(matcher, mixed)
-    assert apart.doubtful is not None
-    for pair in mixed:
-        views = Reframed.unchanged(pair.source), Reframed.unchanged(pair.target)
-        found = blurred(*views, pair.uv_a_px)
-        vague = pair.target.key.startswith("vague")
-        assert apart.where(found.log_p, found.uv_px) is (apart.doubtful if vague else apart)
-    each = [apart.figures, apart.doubtful.figures]
-    assert together.figures is not None
-    assert np.mean([found["nll"] for found in each if found]) < together.figures["nll"]
-
-
-def test_doubt_is_the_log_of_the_spread() -> None:
-    """Gaussians of 2 and of 5 px on a grid; and a single pixel, which has no spread."""
-    grid = pixel_grid(80, 80, 1, torch.device("cpu"))
-    squared = (grid - 40).square().sum(dim=1)
-    log_p = torch.stack([-squared / (2 * sigma**2) for sigma in (2, 5)]).log_softmax(dim=1)
-    assert mean_doubt(log_p, grid) == pytest.approx((np.log(2) + np.log(5)) / 2, abs=1e-3)
-    single = torch.where(squared == squared.min(), 0.0, -200.0)[None, :1]
-    assert np.isfinite(mean_doubt(single, grid[:1]))
-
-
-@pytest.mark.usefixtures("few_tried")
-def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> None:
-    """Half the truths are declared hidden, and their colour is made to be nowhere."""
-    changed = []
-    for number, pair in enumerate(pairs):
-        hidden = number % 2 == 1
-        source = pair.source
-        if hidden:
-            source = replace(
-                source, rgb=np.uint8(255) - source.rgb // np.uint8(8), key=f"hidden {number}"
-            )
-        visible = np.zeros_like(pair.visible) if hidden else pair.visible
-        changed.append(replace(pair, source=source, visible=visible))
-    matcher = by_colour()
-    calibration = calibrate(matcher, changed, SIZE)
-    assert calibration.visible_slope > 0
-    assert calibration.figures is not None
-    assert calibration.figures["visible_accuracy"] > 0.9
-    matcher.calibration = calibration
-    seen = matcher.answer(changed[0]).visible
-    gone = matcher.answer(changed[1]).visible
-    assert seen is not None
-    assert gone is not None
-    assert np.median(seen) > 0.5 > np.median(gone)
-
-
-def test_visible_is_a_half_at_the_threshold() -> None:
-    calibration = Calibration(visible_at=2.0, visible_slope=3.0)
-    p = calibration.visible(np.array([0.0, 2.0, 4.0]))
-    assert p.tolist() == pytest.approx([1.0, 0.5, 1 / 9])
 
 
 def test_colours_are_the_same_in_all_pictures() -> None:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,27 +19,8 @@ from pliant.spec.validation.rules.files import (
     list_sequence,
     read_document,
 )
-from pliant.spec.validation.rules.listing import check_checksums, check_listing
 from pliant.spec.validation.rules.structure import check_root, list_folder
-from tests.conformance.base import TIERS
-from tests.dataset_files import listing_row, write_dataset
-from tests.spec.validation.world import Found, context, found
-
-
-def make(root: Path, *entries: str) -> Path:
-    """Make empty files, folders (`name/`), and links (`name -> target`)."""
-    for entry in entries:
-        name, _, target = entry.partition(" -> ")
-        path = root / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if target:
-            path.symlink_to(target)
-        elif name.endswith("/"):
-            path.mkdir(exist_ok=True)
-        else:
-            path.touch()
-    return root
-
+from tests.spec.validation.world import Found, found, make
 
 LOOSE = ("dataset.json", "sequences.parquet", "sequences/t/a/", "sequences/t/b/", "sequences/u/c/")
 PACKED = (
@@ -280,173 +257,3 @@ def test_a_document_that_breaks_a_rule_is_not_used(
     findings = Findings()
     assert read_document(tmp_path / "x.json", "cameras", findings.at("x")) is None
     assert sorted(found(findings)) == sorted(expected)
-
-
-FOLDERS = {"rope": {"a", "b"}}
-
-
-def listed(root: Path, *rows: dict[str, Any], folders: dict[str, set[str]]) -> tuple[Any, Found]:
-    """Write sequences.parquet and check it; return the ids that are used, and the problems."""
-    tiers = [TIERS["rope"], TIERS["rope-bare"]]
-    write_dataset(root, "d", rows, tiers, (64, 48))
-    findings = Findings()
-    used = check_listing(context(root), folders, findings)
-    return used, found(findings)
-
-
-def row(name: str, **changes: Any) -> dict[str, Any]:
-    return listing_row(name, "rope", "train", 3) | changes
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({}, None),
-        ({"tier": "cable"}, ("TIER_UNKNOWN", "tier")),
-        ({"split": "val"}, ("SPLIT_UNKNOWN", "split")),
-        ({"frames": 1}, None),
-        ({"frames": 0}, ("VALUE_OUT_OF_RANGE", "frames")),
-        ({"frames": 100_000}, None),
-        ({"frames": 100_001}, ("VALUE_OUT_OF_RANGE", "frames")),
-        ({"seed": 0}, None),
-        ({"seed": -1}, ("VALUE_OUT_OF_RANGE", "seed")),
-        ({"style": "my-style.2"}, None),
-        ({"style": "my style"}, ("VALUE_OUT_OF_RANGE", "style")),
-        ({"coverage": 0.0}, None),
-        ({"coverage": 7.5}, None),
-        ({"coverage": -0.01}, ("VALUE_OUT_OF_RANGE", "coverage")),
-        ({"coverage": float("inf")}, ("VALUE_NOT_FINITE", "coverage")),
-        ({"self_occluded": 0.0}, None),
-        ({"self_occluded": 1.0}, None),
-        ({"self_occluded": 1.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
-        ({"self_occluded": -0.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
-        ({"self_occluded": float("nan")}, ("VALUE_NOT_FINITE", "self_occluded")),
-        # What follows a missing value is still checked.
-        ({"coverage": None, "self_occluded": 1.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
-    ],
-)
-def test_a_row_of_the_list(
-    change: dict[str, Any], expected: tuple[str, str] | None, tmp_path: Path
-) -> None:
-    folders = {"rope": {"a"}} if "tier" in change else FOLDERS
-    used, problems = listed(tmp_path, row("a"), row("b", **change), folders=folders)
-    assert set(used) == {"a", "b"}
-    assert used["b"]["split"] == change.get("split", "train")
-    table = "sequences.parquet"
-    assert problems == ([] if expected is None else [(expected[0], table, f"row 1, {expected[1]}")])
-
-
-def test_sequences_and_folders_are_the_same(tmp_path: Path) -> None:
-    rows = (
-        row("../up"), row("a"), row("a"), row("a", split="test"), row("b", tier="rope-bare"),
-        row("c"), row("d"),
-    )  # fmt: skip
-    folders = {"rope": {"a", "b", "d"}, "other": {"e", "f"}}
-    used, problems = listed(tmp_path, *rows, folders=folders)
-    assert set(used) == {"a", "b", "c", "d"}
-    table = "sequences.parquet"
-    assert problems == [
-        ("PATH_UNSAFE", table, "row 0"),
-        ("ROW_DUPLICATE", table, "row 2"),
-        ("SPLIT_SHARED", table, "row 3"),
-        ("FILE_MISSING", "sequences/rope/c", ""),
-        ("FILE_MISSING", "sequences/rope-bare/b", ""),
-        *[("ROW_MISSING", table, "")] * 3,  # other/e, other/f, rope/b
-    ]
-
-
-def test_a_list_that_cannot_be_used(tmp_path: Path) -> None:
-    (tmp_path / "sequences.parquet").write_bytes(b"x")
-    findings = Findings()
-    assert check_listing(context(tmp_path), FOLDERS, findings) == {}
-    assert found(findings) == [("FILE_UNREADABLE", "sequences.parquet", "")]
-
-
-def test_the_footer_names_this_dataset(tmp_path: Path) -> None:
-    write_dataset(tmp_path, "d", [row("a")], [TIERS["rope"]], (64, 48))
-    for name, version, wrong in (("d", "1.0.0", 0), ("e", "1.0.0", 1), ("d", "1.0.1", 1)):
-        findings = Findings()
-        check_listing(context(tmp_path, id=name, version=version), {"rope": {"a"}}, findings)
-        expected = [("IDENTITY_DIFFERS", "sequences.parquet", "footer dataset")] * wrong
-        assert found(findings) == expected
-
-
-def manifest(root: Path, **changes: Any) -> None:
-    """Write SHA256SUMS over all files there, and the manifest."""
-    names = sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
-    lines = [f"{hashlib.sha256((root / n).read_bytes()).hexdigest()}  {n}\n" for n in names]
-    (root / "SHA256SUMS").write_text("".join(lines))
-    document: dict[str, Any] = {
-        "spec_version": "1.0.0", "dataset": {"id": "d", "version": "1.0.0"}, "half": "public",
-        "held_out": ["test", "val"], "other_sha256": None, "tools": {},
-        "checksums_sha256": hashlib.sha256((root / "SHA256SUMS").read_bytes()).hexdigest(),
-    }  # fmt: skip
-    (root / "manifest.json").write_text(json.dumps(document | changes))
-
-
-M, SUMS = "manifest.json", "SHA256SUMS"
-OTHER_DATASET = [("IDENTITY_DIFFERS", M, "dataset, half")]
-
-
-@pytest.mark.parametrize(
-    ("changes", "after", "expected"),
-    [
-        ({}, None, []),
-        ({"dataset": {"id": "e", "version": "1.0.0"}}, None, OTHER_DATASET),
-        ({"dataset": {"id": "d", "version": "1.0.1"}}, None, OTHER_DATASET),
-        ({"half": "private"}, None, OTHER_DATASET),
-        ({"held_out": ["val", "test"]}, None, []),
-        ({"held_out": ["test"]}, None, [("IDENTITY_DIFFERS", M, "held_out")]),
-        ({"checksums_sha256": "0" * 64}, None, [("CHECKSUM_DIFFERS", SUMS, "")]),
-        ({"half": None}, None, [("SCHEMA_INVALID", M, "half")]),
-        ({}, lambda root: (root / M).unlink(), []),
-        ({}, lambda root: (root / SUMS).unlink(), [("FILE_MISSING", SUMS, "")]),
-        ({}, lambda root: (root / "a").write_text("other"), [("CHECKSUM_DIFFERS", "a", "")]),
-        ({}, lambda root: (root / "a").unlink(), [("FILE_MISSING", "a", "")]),
-        ({}, lambda root: (root / "z").touch(), [("FILE_UNLISTED", SUMS, "")]),
-        ({}, lambda root: make(root, ".gitattributes", ".pliant/x", ".git/a/b"), []),
-        ({}, lambda root: make(root, "y -> a", "folder/"), []),
-        (
-            {},
-            lambda root: (root / SUMS).write_text("x"),
-            [("FILE_UNREADABLE", SUMS, "line 1"), ("CHECKSUM_DIFFERS", SUMS, "")],
-        ),
-    ],
-)
-def test_what_a_publication_lists(
-    changes: dict[str, Any], after: Callable[[Path], Any] | None, expected: Found, tmp_path: Path
-) -> None:
-    """Files a, b/c and d."""
-    for name in ("a", "b/c", "d"):
-        make(tmp_path, name)
-        (tmp_path / name).write_text(name)
-    manifest(tmp_path, **changes)
-    if after is not None:
-        after(tmp_path)
-    assert _checked(tmp_path) == expected
-
-
-def _checked(root: Path) -> Found:
-    findings = Findings()
-    check_checksums(context(root, held_out=frozenset({"val", "test"})), findings)
-    return found(findings)
-
-
-def test_each_file_of_a_publication_is_compared(tmp_path: Path) -> None:
-    make(tmp_path, "a", "b", "c", "d")
-    manifest(tmp_path)
-    (tmp_path / "a").unlink()
-    (tmp_path / "b").unlink()
-    (tmp_path / "c").write_text("other")
-    (tmp_path / "d").write_text("other")
-    make(tmp_path, "e", "f")
-    assert _checked(tmp_path) == [
-        *[("FILE_UNLISTED", "SHA256SUMS", "")] * 2,
-        ("FILE_MISSING", "a", ""), ("FILE_MISSING", "b", ""),
-        ("CHECKSUM_DIFFERS", "c", ""), ("CHECKSUM_DIFFERS", "d", ""),
-    ]  # fmt: skip
-    shutil.copy(tmp_path / "SHA256SUMS", tmp_path / "copy")
-    for name in ("SHA256SUMS", "manifest.json"):
-        (tmp_path / name).unlink()
-        (tmp_path / name).symlink_to("copy")
-    assert _checked(tmp_path) == []  # links are reported elsewhere, and not followed

@@ -17,7 +17,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pliant.spec.validation.validate import validate
-from tests.conformance.corruption import corrupt, is_harmless, restore
+from tests.conformance.corruption import corrupt, restore
+from tests.conformance.harmless import is_harmless
 
 PROCESS = Path("/proc/self")
 BASE = Path(__file__).resolve().parents[3] / "spec" / "conformance" / "datasets" / "full"

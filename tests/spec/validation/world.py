@@ -19,8 +19,18 @@ from pliant.spec.validation.rules.correspondences import VISIBLE, FrameRows
 from pliant.spec.validation.rules.points import PointSet
 from pliant.spec.validation.rules.surfaces import ShownSurface
 from pliant.spec.validation.rules.windows import FrameView
+from tests.dataset_files import coordinate, tier
 
 SIZE = (64, 48)
+
+TUBE = [coordinate("s", 0, 2, 0.1), coordinate("theta", -2, 2, 0.1, 4)]
+BOX = [coordinate("u", 1, 3, 0.1), coordinate("v", 0, 1, 0.1)]
+SYMMETRIES = [
+    ("turn", [[1, 0], [0, 1]], [0, 2]),
+    ("reverse", [[-1, 0], [0, -1]], [2, 0]),
+    ("both", [[-1, 0], [0, -1]], [2, 2]),
+]
+DOCUMENT = tier("t", "rope", {"tube": TUBE, "box": BOX}, SYMMETRIES)
 
 Found = list[tuple[str, str, str]]
 
@@ -50,6 +60,21 @@ def context(root: Path = Path(), **changes: Any) -> Context:
         "held_out": frozenset(), "id": "d", "version": "1.0.0",
     }  # fmt: skip
     return Context(**facts | changes)
+
+
+def make(root: Path, *entries: str) -> Path:
+    """Make empty files, folders (`name/`), and links (`name -> target`)."""
+    for entry in entries:
+        name, _, target = entry.partition(" -> ")
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if target:
+            path.symlink_to(target)
+        elif name.endswith("/"):
+            path.mkdir(exist_ok=True)
+        else:
+            path.touch()
+    return root
 
 
 def rows_at(
@@ -84,3 +109,9 @@ def view(
     order = np.arange(count, dtype=np.int32)[::-1].copy()
     rows = rows_at(frame, uvz, np.zeros((count, 3)), values["state"].astype(np.int32), order)
     return FrameView(tier, camera, known, rows, values["good"].copy(), ShownSurface(shown))
+
+
+def shown(object_id: npt.NDArray[Any]) -> ShownSurface:
+    """Return a picture of 10 x 20 pixels that shows these objects."""
+    empty = np.zeros((10, 20), np.float32)
+    return ShownSurface(Surface(empty, empty, empty, object_id.reshape(10, 20).astype(np.uint32)))
