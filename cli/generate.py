@@ -24,7 +24,7 @@ from pliant.spec.errors import CallError
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.plan import Plan
-    from pliant.generator.runner.progress import Progress, Summary
+    from pliant.generator.runner.progress import RunState, Summary
 
 _STOPPED = "Interrupted: finished sequences are kept, the same command continues."
 
@@ -201,7 +201,7 @@ class _Display:
         self._bar, self._out, self._workers = bar, out, workers
         self._begun = self._forecast = False
 
-    def __call__(self, state: Progress) -> None:
+    def __call__(self, state: RunState) -> None:
         if not self._begun:
             self._begun = True
             self._bar.print(

@@ -100,7 +100,7 @@ class Forecast:
 
 
 @dataclass
-class Progress:
+class RunState:
     """How far a run is; the same object is shown again and again while it runs.
 
     Attributes:

@@ -16,7 +16,7 @@ from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Finished, OpenMaker, Rendered
 from pliant.generator.runner.manifest import RUN_DIR, Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
-from pliant.generator.runner.progress import Forecast, Progress, Summary
+from pliant.generator.runner.progress import Forecast, RunState, Summary
 from pliant.generator.seeding import SequenceTask
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError, GenerationError
@@ -37,7 +37,7 @@ def generate(
     *,
     workers: int = 1,
     engine: Literal["local", "ray"] | Engine = "local",
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[RunState], None] | None = None,
     open_maker: OpenMaker | None = None,
 ) -> Summary:
     """Make a dataset, or go on with one.
@@ -78,7 +78,7 @@ def generate(
         config = _begin(run, config, plan)
         missing, frames = plan.missing, config.frames
         forecast = Forecast.of(missing, frames, workers)
-        state = Progress(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
+        state = RunState(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)
@@ -160,8 +160,8 @@ def _make_missing(
     plan: Plan,
     engine: Engine,
     open_maker: OpenMaker,
-    state: Progress,
-    show: Callable[[Progress], None],
+    state: RunState,
+    show: Callable[[RunState], None],
 ) -> list[Failure]:
     """Make the missing sequences; those that fail are tried again after all others."""
     tasks = plan.missing
@@ -213,7 +213,7 @@ def _require_here(root: Path, event: Finished) -> None:
         )
 
 
-def _count(state: Progress, event: Finished) -> None:
+def _count(state: RunState, event: Finished) -> None:
     result = event.result
     state.sequences += 1
     state.bytes += result.bytes
@@ -310,5 +310,5 @@ class _LogFile(logging.FileHandler):
             super().close()
 
 
-def _ignore(progress: Progress) -> None:
+def _ignore(progress: RunState) -> None:
     """Show nothing."""

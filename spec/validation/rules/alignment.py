@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.correspondences import VISIBLE
-from pliant.spec.validation.rules.windows import FrameView
+from pliant.spec.validation.rules.windows import SoundFrame
 
 SAMPLES_PER_FRAME = 96
 SAMPLES_PER_SEQUENCE = 1536
@@ -109,7 +109,7 @@ class Alignment:
 
     samples: list[Sample] = field(default_factory=list)
 
-    def add(self, view: FrameView) -> None:
+    def add(self, view: SoundFrame) -> None:
         """Sample a frame, unless there are enough points already."""
         if sum(len(sample.frame) for sample in self.samples) < SAMPLES_PER_SEQUENCE:
             sample = _sample(view)
@@ -135,7 +135,7 @@ def _concatenated(parts: Sequence[Any]) -> dict[str, npt.NDArray[Any]]:
     return {name: np.concatenate([getattr(p, name) for p in parts]) for name in vars(parts[0])}
 
 
-def _sample(view: FrameView) -> Sample | None:
+def _sample(view: SoundFrame) -> Sample | None:
     """Return some visible surface points with 4x4 pixels of their own object, None without any."""
     rows, image = view.rows, view.surface.image
     width = view.size[0]

@@ -23,7 +23,7 @@ from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.precision import GREY, coarse_form
 from pliant.spec.validation.rules.result import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.surfaces import ShownSurface
-from pliant.spec.validation.rules.windows import FrameView
+from pliant.spec.validation.rules.windows import SoundFrame
 
 PRECISION_FRAMES = 2
 """Frames of a sequence whose values are looked at for a coarser format."""
@@ -90,7 +90,7 @@ class Evidence:
         self.rows.add(rows)
         self.keys.shapes[rows.frame] = shape_key(camera, rows)
 
-    def add_surface(self, view: FrameView, rgb: Rgb | None, fits: bool) -> None:
+    def add_surface(self, view: SoundFrame, rgb: Rgb | None, fits: bool) -> None:
         """Note how a frame's points and picture agree with its surface image.
 
         Args:

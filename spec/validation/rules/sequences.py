@@ -34,7 +34,7 @@ from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
 from pliant.spec.validation.rules.tables import check_table
 from pliant.spec.validation.rules.visibility import check_visibility
-from pliant.spec.validation.rules.windows import FrameView
+from pliant.spec.validation.rules.windows import SoundFrame
 
 _SHARE = "self_occluded"
 _FROM_ROW = ("id", "tier", "split", "shape", "frames", "temporal", "seed", "style")
@@ -214,7 +214,7 @@ def _check_frames(
             good = check_projection(context, cameras[frame], rows, problems)
             evidence.add_rows(cameras[frame], rows)
             if surface is not None:
-                view = FrameView(tier, cameras[frame], points, rows, good, surface)
+                view = SoundFrame(tier, cameras[frame], points, rows, good, surface)
                 fits = check_visibility(view, problems)
                 evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)

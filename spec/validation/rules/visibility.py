@@ -38,7 +38,7 @@ from pliant.spec.validation.rules.correspondences import (
     SELF_OCCLUDED,
     VISIBLE,
 )
-from pliant.spec.validation.rules.windows import THIN, FrameView, Windows, is_thin
+from pliant.spec.validation.rules.windows import THIN, SoundFrame, Windows, is_thin
 
 MATCH = 3.0
 """How far a point may be from a pixel that shows it, in pixel footprints."""
@@ -58,7 +58,7 @@ CENTRELINE_REACH = 1.25
 _CHUNK = 8192
 
 
-def check_visibility(view: FrameView, problems: FileProblems) -> bool:
+def check_visibility(view: SoundFrame, problems: FileProblems) -> bool:
     """Check the states of a frame's points against its surface image.
 
     Args:
@@ -118,7 +118,7 @@ def check_visibility(view: FrameView, problems: FileProblems) -> bool:
 
 
 def _compare(
-    view: FrameView,
+    view: SoundFrame,
     chosen: npt.NDArray[np.int64],
     object_id: npt.NDArray[np.uint32],
     depth_m: npt.NDArray[np.float32],

@@ -30,7 +30,7 @@ _INNER = slice(1, 4)
 
 
 @dataclass(frozen=True)
-class FrameView:
+class SoundFrame:
     """The rows of a frame, its camera and its surface image, all of them sound.
 
     Attributes:
@@ -114,7 +114,7 @@ class Windows:
         smooth: bool (N,), also without steps of depth or material.
     """
 
-    view: FrameView
+    view: SoundFrame
     chosen: npt.NDArray[np.int64]
     pixel: npt.NDArray[np.int64]
     object_id: npt.NDArray[np.uint32]
@@ -126,7 +126,7 @@ class Windows:
 
     @classmethod
     def around(
-        cls, view: FrameView, chosen: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64]
+        cls, view: SoundFrame, chosen: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64]
     ) -> Windows:
         """Gather the pixels around the points of some rows."""
         image = view.surface.image

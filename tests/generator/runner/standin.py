@@ -21,7 +21,7 @@ import psutil
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import Engine, Event, OpenMaker, Rendered, attempt
-from pliant.generator.runner.progress import Progress, Summary
+from pliant.generator.runner.progress import RunState, Summary
 from pliant.generator.runner.run import generate
 from pliant.generator.runner.sequence import SequenceMaker, Shooting, StageClock, TakenFrame
 from pliant.generator.scene.scene_object import Points, Pose, SceneObject
@@ -166,7 +166,7 @@ def make(
     *,
     workers: int = 0,
     engine: Engine | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[RunState], None] | None = None,
     faults: Mapping[str, str] | None = None,
     frame_s: float = 0.0,
     **changes: Any,

@@ -22,7 +22,7 @@ from pliant.spec.validation.rules.correspondences import (
     SELF_OCCLUDED,
     VISIBLE,
 )
-from pliant.spec.validation.rules.windows import FrameView
+from pliant.spec.validation.rules.windows import SoundFrame
 from tests.dataset_files import coordinate, tier
 from tests.spec.validation.world import view as frame
 
@@ -46,7 +46,7 @@ DEPTH = (1 + U / 100 + V / 1000).astype(np.float32)
 CAMERA = Camera(np.array([[100.0, 0, 20], [0, 120, 25], [0, 0, 1]]), np.eye(4), (WIDTH, HEIGHT))
 
 
-def view(at: Any, object_id: Any = TUBE, **changes: Any) -> FrameView:
+def view(at: Any, object_id: Any = TUBE, **changes: Any) -> SoundFrame:
     """Return a frame in which a tube is everywhere; the last row's point has the material 0."""
     columns = {"object": TUBE, "state": VISIBLE, "line": False, "good": True} | changes
     points = [

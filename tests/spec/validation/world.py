@@ -18,7 +18,7 @@ from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE, FrameRows
 from pliant.spec.validation.rules.points import PointSet
 from pliant.spec.validation.rules.surfaces import ShownSurface
-from pliant.spec.validation.rules.windows import FrameView
+from pliant.spec.validation.rules.windows import SoundFrame
 from tests.dataset_files import coordinate, tier
 
 SIZE = (64, 48)
@@ -92,7 +92,7 @@ def rows_at(
 
 def view(
     tier: Tier, camera: Camera, shown: Surface, points: list[dict[str, Any]], frame: int = 3
-) -> FrameView:
+) -> SoundFrame:
     """Return a frame of visible surface points of object 1, 1 m away, where not said otherwise.
 
     Each needs `at`, (u, v), which is its material as well. The last point has the first row.
@@ -108,7 +108,7 @@ def view(
     uvz = np.column_stack([values["at"], values["depth"]]).astype(float)
     order = np.arange(count, dtype=np.int32)[::-1].copy()
     rows = rows_at(frame, uvz, np.zeros((count, 3)), values["state"].astype(np.int32), order)
-    return FrameView(tier, camera, known, rows, values["good"].copy(), ShownSurface(shown))
+    return SoundFrame(tier, camera, known, rows, values["good"].copy(), ShownSurface(shown))
 
 
 def shown(object_id: npt.NDArray[Any]) -> ShownSurface:
