@@ -5,10 +5,8 @@ be good: its errors show that the pieces fit, not what a method can do. Every en
 is read in the way that suits it, chosen on the validation episodes that it is measured on; test
 episodes are those of the benchmark. Errors are in pixels of a picture 640 wide.
 
-To use what exists: PLIANT_TIMECYCLE_DATA names a dataset of rope episodes, PLIANT_TIMECYCLE_RUNS a
-folder to keep the run in (a finished one is not trained again, an interrupted one goes on),
-PLIANT_TIMECYCLE_DON a run of Dense Object Nets on ropes (such as models/shipped/don-rope), without
-which the row supervised is left out. PLIANT_TIMECYCLE_STEPS are the steps of the run.
+`--data` and `--run` use what exists: a run that is finished is not trained again, an interrupted
+one goes on. Without `--don` the row supervised is left out.
 
 overhead_ratio        CPU time of loader, patches, encoder, affinities, localiser, losses, forward
                       and backward, over that of the encoder on the same pictures and the same
@@ -157,17 +155,14 @@ def affinities_a_clip(length: int) -> int:
     return longest + longest * (longest + 1) // 2 + 2 * max(1, longest - 1) + 1
 
 
-def episodes(folder: Path, quick: bool) -> Dataset:
-    """Return the dataset that is named, or one that is made in the folder."""
-    named = os.environ.get("PLIANT_TIMECYCLE_DATA")
-    if named is None:
-        config = GenerateConfig(
-            tiers=("rope",), splits=SMALL if quick else LARGE, frames=45, episodes=True,
-            gripper=True, width=320, height=240, style="raster", seed=2027, look=LOOK, rope=ROPE,
-        )  # fmt: skip
-        generate(config, folder / "set", workers=1 if quick else 2)
-        named = str(folder / "set")
-    return Dataset.open(named)
+def episodes(folder: Path, quick: bool) -> Path:
+    """Make rope episodes in a folder and return it."""
+    config = GenerateConfig(
+        tiers=("rope",), splits=SMALL if quick else LARGE, frames=45, episodes=True,
+        gripper=True, width=320, height=240, style="raster", seed=2027, look=LOOK, rope=ROPE,
+    )  # fmt: skip
+    generate(config, folder, workers=1 if quick else 2)
+    return folder
 
 
 def errors(task: TimeCycleTask, prefix: str, track: Track) -> dict[str, Value]:
@@ -184,15 +179,17 @@ def chosen(matcher: TimeCycleMatcher, task: TimeCycleTask) -> TimeCycleMatcher:
     return matcher.read_by(choose_readout(matcher, task.stretches))
 
 
-def measure(quick: bool) -> dict[str, Value]:
+def measure(
+    quick: bool, data: Path | None, run: Path | None, don: Path | None, steps: int | None
+) -> dict[str, Value]:
     """Make, train, track."""
     torch.set_num_threads(1)
-    steps = os.environ.get("PLIANT_TIMECYCLE_STEPS", "4" if quick else "700")
+    steps = steps or (4 if quick else 700)
     changes = (f"steps={steps}", "threads=1", "tier=rope", *(QUICK if quick else ()))
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        dataset = episodes(scratch, quick)
-        run = Path(os.environ.get("PLIANT_TIMECYCLE_RUNS", scratch / "runs")) / "timecycle"
+        dataset = Dataset.open(data or episodes(scratch / "set", quick))
+        run = run or scratch / "run"
         settings = read_settings(TimeCycleSettings, RECIPE, changes)
         if not read_run_json(run / RUN_FACTS):
             train_timecycle(dataset, run, settings, resume=latest_checkpoint(run) is not None)
@@ -203,8 +200,8 @@ def measure(quick: bool) -> dict[str, Value]:
         record = errors(task, "", track_with(trained)) | errors(task, "identity_", track_identity)
         for name, matcher in (("untrained_", untrained), ("oracle_", Oracle(task))):
             record |= errors(task, name, track_with(chosen(matcher, task)))
-        if don := os.environ.get("PLIANT_TIMECYCLE_DON"):
-            network = read_mapping(Path(don) / "config.yaml")["network"] | {"pretrained": don}
+        if don is not None:
+            network = read_mapping(don / "config.yaml")["network"] | {"pretrained": str(don)}
             begun = (f"network={json.dumps(network)}", "lift=8")
             settings = read_settings(TimeCycleSettings, RECIPE, (*begun, *changes))
             supervised = TimeCycleTask(dataset, settings, scratch / "supervised", ALONE)
@@ -217,4 +214,10 @@ def measure(quick: bool) -> dict[str, Value]:
 
 
 if __name__ == "__main__":
-    main("timecycle", measure, __doc__)
+    arguments = {
+        "--data": {"type": Path, "help": "a dataset of rope episodes"},
+        "--run": {"type": Path, "help": "the folder of the run"},
+        "--don": {"type": Path, "help": "a trained network of ropes: models/shipped/don-rope"},
+        "--steps": {"type": int, "help": "steps of the run"},
+    }
+    main("timecycle", measure, __doc__, arguments)
