@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option, path_option
 from pliant.cli.terminal import echo_result, progress_bar
+
+if TYPE_CHECKING:
+    from pliant.converters.writer import Imported
 
 
 @click.command("import")
@@ -96,11 +99,15 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
         frames = f"{done.balls:,} of {done.frames:,} frames"
         notes.append(f"A ball at the rope's end was separated from the masks of {frames}.")
     document = {**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)}
-    document["notes"] = notes
-    text = "\n".join([*notes, ""]) + (
+    text = "\n".join([*notes, _summary(done, settings.split)])
+    echo_result({**document, "notes": notes}, text, as_json=as_json)
+
+
+def _summary(done: Imported, split: str) -> str:
+    """Return what was written, and what to call next."""
+    return (
         f"{done.dataset}: {done.queries:,} queries in {done.pairs:,} pairs of {done.frames:,} "
         f"frames in {done.sequences:,} sequences. Answers: {done.truth}\n"
-        f"Then: pliant predict METHOD --data {done.dataset} --split {settings.split} --out "
-        f"SUB.parquet; pliant evaluate SUB.parquet --data {done.dataset} --truth {done.truth}"
+        f"Then: pliant predict METHOD --data {done.dataset} --split {split} --out SUB.parquet; "
+        f"pliant evaluate SUB.parquet --data {done.dataset} --truth {done.truth}"
     )
-    echo_result(document, text, as_json=as_json)

@@ -113,16 +113,27 @@ def command(
         match = match_photo(matcher, a.view, b.view, at, sizes=(a.size, b.size))
         bar(2, 3, title="Drawing")
         draw_match(match, a.view, b.view, out)
-    notes = [*a.notes, *b.notes]
-    document = {**match.as_dict(), "notes": notes}
-    files = {"source": str(source), "target": str(target), "figure": str(out)}
-    lines = [
-        f"{matcher.name}: {_point(point)} of {source} is at {_point(point, 'match_px')} of "
+    document = {
+        **match.as_dict(),
+        "notes": [*a.notes, *b.notes],
+        "source": str(source),
+        "target": str(target),
+        "figure": str(out),
+    }
+    text = "\n".join(_lines(document))
+    echo_result(document, text, as_json=as_json)
+
+
+def _lines(document: dict[str, Any]) -> list[str]:
+    """Return the result for people: a line per point, notes, warnings, and the figure."""
+    source, target = document["source"], document["target"]
+    points = [
+        f"{document['method']}: {_point(point)} of {source} is at {_point(point, 'match_px')} of "
         f"{target}{_certainty(point)}"
         for point in document.get("points", [document])
     ]
-    lines += [*notes, *(f"Warning: {warning}" for warning in match.warnings()), f"Drawn in {out}"]
-    echo_result({**document, **files}, "\n".join(lines), as_json=as_json)
+    warned = [f"Warning: {warning}" for warning in document["warnings"]]
+    return [*points, *document["notes"], *warned, f"Drawn in {document['figure']}"]
 
 
 def _point(point: dict[str, Any], name: str = "query_px") -> str:

@@ -114,19 +114,7 @@ def write_imported(
         SpecError: A frame cannot be read, or nothing can be asked.
     """
     beside = out.with_name(f"{out.name}-truth")
-    for folder in (out, beside):
-        if folder.exists() and not is_left_alone(folder, out):
-            raise CallError("the folder is there already", path=folder, fix="Give a new folder")
-    for what, name in (("the dataset's id", settings.id), ("--kind", settings.kind)):
-        if not is_name(name):
-            raise CallError(
-                "invalid name",
-                where=what,
-                found=repr(name)[:80],
-                required="1 to 128 letters, digits, '.', '_', '-'",
-            )
-    if settings.pairs < 1:
-        raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
+    _check_call(out, beside, settings)
     _check_names(clips, source)
     same = alike(settings.alike)
     size = _size(clips, settings)
@@ -157,18 +145,41 @@ def write_imported(
             write_json(folder / layout.SEQUENCE_JSON, documents[-1], "sequence")
         _write_tables(root, answers, settings, documents, queries, truth)
         sources = dict(zip(ids, (clip.name for clip in clips), strict=True))
-        measured = all(clip.read_depth is not None for clip in clips)
-        unknown = [each for each in UNKNOWN if each != "symmetries" or not same]
-        unknown += [] if measured else ["depth"]
-        config = {**source, "queries": settings.queries, "sources": sources, "unknown": unknown}
-        write_json(
-            root / layout.DATASET_JSON,
-            _dataset(settings, size, config, balls > 0, same),
-            "dataset",
-        )
+        config = {
+            **source,
+            "queries": settings.queries,
+            "sources": sources,
+            "unknown": _unknown(clips, same),
+        }
+        document = _dataset(settings, size, config, balls > 0, same)
+        write_json(root / layout.DATASET_JSON, document, "dataset")
     pairs = int(queries["pair_id"][-1].as_py()) + 1
     answers = beside / f"{settings.split}.parquet"
     return Imported(out, answers, len(clips), total, pairs, len(queries), balls)
+
+
+def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
+    """Refuse folders that are there, and settings that are none."""
+    for folder in (out, beside):
+        if folder.exists() and not is_left_alone(folder, out):
+            raise CallError("the folder is there already", path=folder, fix="Give a new folder")
+    for what, name in (("the dataset's id", settings.id), ("--kind", settings.kind)):
+        if not is_name(name):
+            raise CallError(
+                "invalid name",
+                where=what,
+                found=repr(name)[:80],
+                required="1 to 128 letters, digits, '.', '_', '-'",
+            )
+    if settings.pairs < 1:
+        raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
+
+
+def _unknown(clips: Sequence[Clip], same: Sequence[Alike]) -> list[str]:
+    """Return what the clips do not say, in words."""
+    unknown = [each for each in UNKNOWN if each != "symmetries" or not same]
+    measured = all(clip.read_depth is not None for clip in clips)
+    return unknown if measured else [*unknown, "depth"]
 
 
 def _check_names(clips: Sequence[Clip], source: Mapping[str, Any]) -> None:
