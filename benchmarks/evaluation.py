@@ -32,27 +32,18 @@ from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 from pliant.spec.storage import layout
 
 QUERIES_PER_PAIR, QUERIES_WITH_SURFACES = 200, 98
 FRAMES, POINTS = 21, 5000
 WIDTH, HEIGHT = 640, 480
-TIER: dict[str, Any] = {
-    "kind": "cloth",
-    "variant": "two-sided",
-    "queried_object": 1,
-    "objects": [
-        {
-            "id": 1,
-            "name": "cloth",
-            "material": [
-                {"name": "u", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
-                {"name": "v", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
-            ],
-        }
-    ],
-}
-HALF_TURN = {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]}
+SIDES = (MaterialCoordinate("u", 0, 1, 0.5), MaterialCoordinate("v", 0, 1, 0.5))
+HALF_TURN = Symmetry("half-turn", ((-1, 0), (0, -1)), (1, 1))
+TIERS = tuple(
+    Tier(name, "cloth", "two-sided", 1, (MaterialObject(1, "cloth", SIDES),), symmetries)
+    for name, symmetries in (("plain", ()), ("turned", (HALF_TURN,)))
+)
 IDENTITY = {"dataset": {"id": "scale", "version": "1.0.0"}}
 
 
@@ -90,10 +81,6 @@ def write_surfaces(root: Path, names: list[str], tier_of: list[str]) -> None:
 
 def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[str]]:
     """Write the dataset without its queries; return the names and tiers of its sequences."""
-    tiers = [
-        {"name": "plain", **TIER, "symmetries": []},
-        {"name": "turned", **TIER, "symmetries": [HALF_TURN]},
-    ]
     info = {
         "spec_version": SPEC_VERSION,
         "id": "scale",
@@ -103,13 +90,13 @@ def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[st
         "licence": "CC-BY-4.0",
         "conventions": CONVENTIONS,
         "image_size": {"width": WIDTH, "height": HEIGHT},
-        "tiers": tiers,
+        "tiers": [tier.as_document() for tier in TIERS],
         "splits": ["test"],
         "provenance": {"generator": "benchmark", "seed": 0, "config": {}, "tools": {}},
     }
     root.mkdir(parents=True, exist_ok=True)
     write_json(root / layout.DATASET_JSON, info, "dataset")
-    tier_of = [str(tiers[2 * index // sequence_count]["name"]) for index in range(sequence_count)]
+    tier_of = [TIERS[2 * index // sequence_count].name for index in range(sequence_count)]
     names = [f"{tier}-test-{index:06d}" for index, tier in enumerate(tier_of)]
     sequences = {
         "id": names,
