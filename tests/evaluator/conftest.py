@@ -45,7 +45,7 @@ CLOTH = tier(
 _ANGLE = coordinate("theta", -np.pi, np.pi, 0.012, 2 * np.pi)
 ROPE = tier("rope", "rope", {"rope": [coordinate("s", 0, 1, 1.2), _ANGLE]})
 SIZES = {"cloth": (96.0, 60.0), "rope": (110.0, 8.0)}  # px
-_POSES = ((70, 90), (50, 70), (-0.5, 0.5))  # limits of centre u, centre v and angle
+_POSES = ((70.0, 90.0), (50.0, 70.0), (-0.5, 0.5))  # limits of centre u, centre v and angle
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ for _version in ("2.0.0", "0.9.0", "1", "one", "", None, 1, [1]):
 footer_case("no version", without("spec_version"), "SPEC_VERSION_UNSUPPORTED")
 for _name in ("table", "dataset", "split", "queries_sha256", "method"):
     footer_case(f"footer without {_name}", without(_name), "FOOTER_INVALID")
-    for _value in (1, None, [], "§"):
+    values: tuple[Any, ...] = (1, None, [], "§")
+    for _value in values:
         footer_case(f"footer {_name} {_value!r}", dumped(**{_name: _value}), "FOOTER_INVALID")
 footer_case("footer of a truth", dumped(table="truth"), "FOOTER_INVALID")
 footer_case("footer with another field", dumped(extra=1), "FOOTER_INVALID")

@@ -13,13 +13,13 @@ import torch
 from pliant.baselines.tracing import Reframed
 from pliant.models.don import calibration as calibration_module
 from pliant.models.don.calibration import calibrate
-from pliant.models.don.candidates import pixel_grid
 from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.search import Search
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.validation import ValidationPair
+from pliant.models.networks.descriptor_network import pixel_grid
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from tests.models.don.planted import SIZE, ColourIsPlace, by_colour, drawn, within

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from pliant.models.don.candidates import all_bins, object_and_background, pixel_grid
+from pliant.models.don.candidates import all_bins, object_and_background
 from pliant.models.losses import distributional
 from pliant.models.losses.distributional import (
     Direction,
@@ -15,6 +15,7 @@ from pliant.models.losses.distributional import (
     log_probabilities,
 )
 from pliant.models.losses.matches import Candidates, Targets
+from pliant.models.networks.descriptor_network import pixel_grid
 
 D = torch.float64
 LINE = torch.tensor([[[0.5, 0.5], [1.5, 0.5], [2.5, 0.5]]], dtype=D)
