@@ -269,10 +269,16 @@ def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:
     """Return a dense smooth curve through points, float64 (M, 3)."""
     from scipy.interpolate import CubicSpline
 
-    points = np.asarray(curve, np.float64)
+    try:
+        points = np.asarray(curve, np.float64)
+    except (TypeError, ValueError):  # no numbers, or rows of different lengths
+        points = np.empty(0)
     if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) < 2:
         raise CallError(
-            "a curve is a list of points", where="curve", found=points.shape, required="(N, 2 or 3)"
+            "a curve is a list of points",
+            where="curve",
+            found=f"{curve!r:.80}",
+            required="(x, y) or (x, y, z) for each of two points or more",
         )
     if points.shape[1] == 2:
         points = np.column_stack([points, np.full(len(points), radius_m)])
