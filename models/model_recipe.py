@@ -87,7 +87,7 @@ class ModelRecipe(Settings):
 
     Attributes:
         name: The model.
-        sets: Name -> `pliant generate` config of a dataset of one tier.
+        sets: Name -> `pliant generate` config of a dataset; all of its tiers are trained on.
         settings: Settings of the runs of all stages.
         stages: Name -> stage, in order; the last one is the model.
         masks: How the network that finds masks is trained, for a model with one.
@@ -137,9 +137,9 @@ def read_recipe(
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")
-        if not isinstance(tiers, list) or len(tiers) != 1:
+        if not isinstance(tiers, list) or not tiers:
             where = f"sets.{name}.tiers"
-            raise CallError("a set has one tier", path=path, where=where, found=tiers)
+            raise CallError("a set has a list of tiers", path=path, where=where, found=tiers)
     earlier: set[str] = set()
     for name, each in recipe.stages.items():
         _check_known({each.start, *each.mean_of} - {""}, earlier, path, f"stages.{name}")
@@ -206,11 +206,11 @@ def _train_masks(stage: MaskStage, out: Path, run: Path) -> None:
 
 
 def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:
-    tiers = {name: recipe.sets[name]["tiers"][0] for name in stage.sets}
-    first, *more = stage.sets
+    parts = [(name, tier) for name in stage.sets for tier in recipe.sets[name]["tiers"]]
+    (_, first), *more = parts
     own: dict[str, Any] = {
-        "tier": tiers[first],
-        "also": [str(FurtherSet(str(out / "sets" / name), tiers[name])) for name in more],
+        "tier": first,
+        "also": [str(FurtherSet(str(out / "sets" / name), tier)) for name, tier in more],
         "cache_dir": str(out / "cache"),
     }
     if stage.start:

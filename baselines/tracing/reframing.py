@@ -32,6 +32,7 @@ class Reframed:
         original: The original; None where `view` is it.
         tilted: Whether the direction of the view has changed.
         turned: Whether it was turned, since the object is far from upright.
+        settled: Whether it is known that no other quarter turn is right.
         segmented: Whether its masks were found, or corrected, in the picture.
     """
 
@@ -41,6 +42,7 @@ class Reframed:
     original: Frame | None = None
     tilted: bool = False
     turned: bool = False
+    settled: bool = False
     segmented: bool = False
 
     @classmethod

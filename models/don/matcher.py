@@ -18,6 +18,7 @@ from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
+from pliant.models.don.prints import settled_by_print
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.search import Decided, Search
 from pliant.models.don.settings import DonSettings
@@ -139,6 +140,8 @@ class DonMatcher:
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
+        if self.settings.blank_square != "no" and self.input.colour:
+            from_view = settled_by_print(from_view, in_view, self._views, self._coarsely)
         unmasked = source.mask is None or target.mask is None
         unmasked |= from_view.segmented or in_view.segmented
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))
@@ -304,9 +307,17 @@ class DonMatcher:
         position = sharp.double().numpy() * self._views.pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
 
-    def answered_by_network(self, pair: Pair) -> npt.NDArray[np.float64]:
-        """Return what the network alone answers, without traces: float64 (N, 2), target pixels."""
-        found = self.compare(pair.source, pair.target, pair.uv_a_px)
+    def _coarsely(self, pair: Pair) -> npt.NDArray[np.float64]:
+        return self.answered_by_network(pair, GRID_EVERY_PX)
+
+    def answered_by_network(self, pair: Pair, every_px: int = 1) -> npt.NDArray[np.float64]:
+        """Return what the network alone answers, without traces: float64 (N, 2), target pixels.
+
+        Args:
+            pair: The pair.
+            every_px: Only the pixels of every so many rows and columns of the target compete.
+        """
+        found = self.compare(pair.source, pair.target, pair.uv_a_px, every_px)
         position = decode_position(found.log_p, found.uv_px, "median")
         return position.double().numpy() * self._views.pixel_scale(pair.target)
 

@@ -127,7 +127,11 @@ class RopeReader:
             target: Likewise.
         """
         known = self._settings.blank_square
-        if known == "no" or (known == "upright" and not (source.turned or target.turned)):
+        if (
+            known == "no"
+            or source.settled
+            or (known == "upright" and not (source.turned or target.turned))
+        ):
             return []
         shown = self._shown(source.view)
         return [] if shown is None else other_quarter_turns(source, shown)

@@ -41,13 +41,14 @@ _STRETCH: Final = (0.25, 2.2)  # of the affine maps that are tried
 _UNSURE: Final = 0.02  # support of a place that counts half
 
 
-def grid_of(mask: Mask) -> FloatArray:
-    """Return about 55 points on a mask in rows and columns, float64 (G, 2), its pixels.
+def grid_of(mask: Mask, points: int = _GRID_POINTS) -> FloatArray:
+    """Return points on a mask in rows and columns, float64 (G, 2), its pixels.
 
     Args:
         mask: bool (h, w).
+        points: About how many.
     """
-    step = max(1, int(np.sqrt(mask.sum() / _GRID_POINTS)))
+    step = max(1, int(np.sqrt(mask.sum() / points)))
     v, u = np.nonzero(mask[step // 2 :: step, step // 2 :: step])
     return np.stack([u, v], axis=1) * float(step) + step // 2 + 0.5
 

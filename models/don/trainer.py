@@ -184,7 +184,7 @@ class DonTask(Task[DonSettings]):
         write_run_page(run, facts, [Section("Curves", charts=charts)])
 
     def _frames(self, split: str, *, whole: bool) -> list[FrameStore]:
-        """Return the frames of a split, the run's own first, then those of `also`.
+        """Return the frames of a split, the run's own first, then those of `also` that have it.
 
         Args:
             split: The split.
@@ -194,7 +194,8 @@ class DonTask(Task[DonSettings]):
         cache = None if whole else self._cache
         return [
             FrameStore(of, tier, split, of.size if whole else self.size, cache=cache)
-            for of, tier in training_data(self.dataset, self.settings)
+            for number, (of, tier) in enumerate(training_data(self.dataset, self.settings))
+            if number == 0 or of.frames(split, tier)
         ]
 
 

@@ -1,0 +1,91 @@
+"""Printed cloths that are turned by quarter turns, which a blank square does not show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.runner.run import generate
+from pliant.models import shipped
+from pliant.models.don.matcher import DonMatcher
+from pliant.models.shipped import load_shipped
+from pliant.spec.configuration import read_settings
+from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Frame, Pair
+from tests.generator.runner.standin import InProcess
+
+QUARTERS = [1, 2, 3]
+
+
+def pairs(folder: Path, **cloth: Any) -> list[Pair]:
+    """Two pairs of smooth cloths seen from above, with the looks of training."""
+    trained_on = read_settings(GenerateConfig, shipped.FOLDER / "don-cloth" / "data.yaml")
+    config = trained_on.replace(
+        tiers=["cloth-1"],
+        splits={"test": 3},
+        sequences=None,
+        seed=79,
+        camera=trained_on.camera.replace(top=1.0, oblique=0.0, shift=(0.0, 0.0)),
+        cloth=trained_on.cloth.replace(yaw_max_rad=0.1, **cloth),
+    )
+    generate(config, folder, engine=InProcess())
+    return [pair.seen() for pair in Dataset.open(folder).pairs("test")[:2]]
+
+
+@pytest.fixture(scope="module")
+def matcher() -> DonMatcher:
+    made = load_shipped("don-cloth")
+    assert isinstance(made, DonMatcher)
+    return made
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
+    return pairs(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=41)
+
+
+@pytest.fixture(scope="module")
+def blank(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
+    return pairs(tmp_path_factory.mktemp("blank") / "set")
+
+
+def turned(pair: Pair, quarters: int) -> Pair:
+    """The source about the middle of its frame, counter-clockwise; the queries with it."""
+    frame = pair.source
+    middle = np.array(frame.size) / 2
+
+    def moved(values: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(Image.fromarray(values).rotate(90 * quarters))
+
+    assert frame.mask is not None
+    mask = moved(frame.mask)
+    assert mask.sum() == frame.mask.sum()
+    away = pair.uv_a_px - middle
+    for _ in range(quarters):
+        away = np.column_stack([away[:, 1], -away[:, 0]])
+    source = Frame(moved(frame.rgb), mask)
+    return Pair(source, pair.target, (away + middle).astype(np.float32))
+
+
+@pytest.mark.parametrize("quarters", QUARTERS)
+def test_the_print_says_how_a_cloth_is_turned(
+    matcher: DonMatcher, printed: list[Pair], quarters: int
+) -> None:
+    for pair in printed:
+        upright = matcher.answer(pair).uv_px
+        moved = matcher.answer(turned(pair, quarters)).uv_px
+        assert np.median(np.linalg.norm(moved - upright, axis=1)) < 12
+
+
+def test_a_blank_cloth_stays_as_it_is_and_a_print_is_settled(
+    matcher: DonMatcher, printed: list[Pair], blank: list[Pair]
+) -> None:
+    for known, asked in ((True, printed), (False, blank)):
+        for pair in asked:
+            assert matcher._decided(pair.source, pair.target, pair.uv_a_px).source.settled == known
