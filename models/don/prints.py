@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +91,7 @@ def _is_printed(colours: FloatArray, shown: Mask) -> bool:
     return bool(share.std(axis=0).max() >= _LEAST_SPREAD)
 
 
-def _read(colours: FloatArray, places: npt.NDArray[np.floating]) -> FloatArray:
+def _read(colours: FloatArray, places: npt.NDArray[np.floating[Any]]) -> FloatArray:
     """Return the colours at pixels of the network, float64 (N, 3)."""
     height, width = colours.shape[:2]
     column, row = np.floor(places).astype(np.int64).T

@@ -195,7 +195,7 @@ class DonTask(Task[DonSettings]):
         return [
             FrameStore(of, tier, split, of.size if whole else self.size, cache=cache)
             for number, (of, tier) in enumerate(training_data(self.dataset, self.settings))
-            if number == 0 or of.frames(split, tier)
+            if number == 0 or any((e.split, e.tier) == (split, tier) for e in of.sequences)
         ]
 
 

@@ -14,6 +14,7 @@ from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
 from pliant.spec.model import MaterialCoordinate, MaterialObject
+from tests.loaders.sheet_dataset import write_sheet_dataset
 from tests.models.tiny_runs import don
 
 ONE = torch.tensor(1.0)
@@ -86,12 +87,13 @@ def test_hidden_points_do_not_count() -> None:
 def test_a_run_with_all_heads_answers_with_and_without_masks(
     sheet_dataset: Dataset, tmp_path: Path
 ) -> None:
+    without_validation = write_sheet_dataset(tmp_path / "more", {"train": 3}, size=(80, 60))
     settings = don(
         "steps=3",
         "pairs={queries: 8, input: grey, masks: true}",
         "augment={recolour: 0.5, mask_faults: 0.5, mask_drop: 0.2}",
         "loss={canonical_weight: 0.5, foreground_weight: 0.5, orientation_weight: 0.2}",
-        "also=['#sheet']",
+        f"also=['#sheet', '{without_validation}#sheet']",
     )
     run = tmp_path / "run"
     train_don(sheet_dataset, run, settings)
