@@ -77,9 +77,9 @@ class MaterialObject:
 
     def wrapped(self, difference: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return differences (..., 2) of material coordinates, reduced to half a period."""
-        return np.stack(
-            [each.wrapped(difference[..., axis]) for axis, each in enumerate(self.material)], -1
-        )
+        # Stored one coordinate after the other: numpy is slow along an axis of 2.
+        coordinates = [each.wrapped(difference[..., n]) for n, each in enumerate(self.material)]
+        return np.moveaxis(np.stack(coordinates), 0, -1)
 
     def steps_m(self, difference: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return differences (..., 2) of material coordinates in metres, wrapped to the period."""

@@ -55,8 +55,7 @@ def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
     for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         both = on[one] & on[next_]
         ends = [
-            np.stack([m0[each][both], m1[each][both]], axis=1).astype(np.float64)
-            for each in (next_, one)
+            np.stack([m0[each][both], m1[each][both]]).astype(np.float64).T for each in (next_, one)
         ]
         steps.append(queried.distance_m(*ends))
     found = np.concatenate(steps)
