@@ -1,28 +1,28 @@
-"""Paths that pass all strands of a mask, the straightest first.
+"""Paths along the strands of a mask, the straightest first.
 
 The skeleton of a mask (Zhang and Suen 1984) is a graph: strands, which meet at crossings or end
 loosely. A rope passes every strand once, or twice where it is on itself. All crossings are
-decided together: of the walks from a loose end that pass every strand, those with the least sum of
-squared turns at the crossings are returned.
+decided together: those walks from end to end are returned that have the least sum of squared turns
+at the crossings, with a cost for strands that are passed twice or not at all.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from PIL import Image
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
-from pliant.baselines.tracing.depth_in_mask import steps_along
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
-
-_EIGHT = np.ones((3, 3), np.bool_)
-_CODE = np.array([[1, 2, 4], [128, 0, 8], [64, 32, 16]])  # clockwise from the upper left pixel
 
 
 @dataclass(frozen=True)
@@ -45,47 +45,75 @@ class _Strand:
 
 
 def straightest_paths(mask: Mask, half_px: float, start: FloatArray | None) -> list[FloatArray]:
-    """Return paths that pass all strands of a mask.
+    """Return paths that pass the strands of a mask.
+
+    The skeleton is taken of an enlarged mask where strands are thin: the holes of a tight knot are
+    a few pixels, and crossings less than a strand's width apart.
 
     Args:
         mask: bool (H, W), one rope.
         half_px: About half of its width.
-        start: (u, v) of a place near the loose end where they begin; None for any.
+        start: (u, v) of a place near the end where they begin; None for any loose end.
 
     Returns:
         float64 (N, 2) each, (u, v); empty where the mask has too many strands, or none.
     """
-    strands, loose = _graph(thinned(mask), half_px)
+    if not mask.any():
+        return []
+    box = ndimage.find_objects(mask.astype(np.uint8))[0]
+    corner = np.array([box[1].start, box[0].start], dtype=np.float64)
+    scale = math.ceil(TRACING.strands_half_px / half_px)
+    scale = max(1, min(scale, TRACING.strands_side_px // max(mask[box].shape)))
+    fine = _enlarged(mask[box], scale)
+    fine_px = half_px * scale
+    strands, loose = _graph(thinned(fine), fine_px)
     if not 0 < len(strands) <= TRACING.strands_most:
         return []
     begins = sorted(loose) or sorted({node for strand in strands for node in strand.nodes})
     if len(loose) == 2:
         begins = begins[:1]  # the others are the same walks backwards
-    if start is not None and loose:
-        begins = [min(loose, key=lambda node: float(np.linalg.norm(loose[node] - start)))]
-    reach = max(2, round(TRACING.strands_reach * half_px))
-    found = _Search(strands, frozenset(loose), reach).walks(begins)
+    if start is not None:
+        place = (start - corner) * scale
+        ends = [(each.line[-end], each.nodes[end]) for each in strands for end in (0, 1)]
+        begins = [min(ends, key=lambda end: float(np.linalg.norm(end[0] - place)))[1]]
+    found = _Search(strands, frozenset(loose), fine_px).walks(begins)
     lines = (
         np.concatenate([strands[number].line[:: 1 - 2 * end] for number, end in walk])
         for walk in itertools.islice(found, TRACING.strands_paths)
     )
-    return [ndimage.gaussian_filter1d(line, half_px, axis=0, mode="nearest") for line in lines]
+    smooth = (ndimage.gaussian_filter1d(line, fine_px, axis=0, mode="nearest") for line in lines)
+    return [line / scale + corner for line in smooth]
+
+
+def _enlarged(mask: Mask, scale: int) -> Mask:
+    """Return a mask with finer pixels; those that touch at a corner stay connected."""
+    if scale == 1:
+        return mask
+    picture = Image.fromarray(mask).convert("L")
+    size = (mask.shape[1] * scale, mask.shape[0] * scale)
+    return np.asarray(picture.resize(size, Image.Resampling.BILINEAR)) > 0.45 * 255
 
 
 def thinned(mask: Mask) -> Mask:
     """Return the skeleton of a mask: lines of one pixel, connected as the mask is."""
     skeleton = np.pad(mask, 1)
+    pixels = np.flatnonzero(skeleton)
     while True:
-        before = skeleton.sum()
+        before = len(pixels)
         for table in _TABLES:
-            skeleton = skeleton & ~table[_codes(skeleton)]
-        if skeleton.sum() == before:
-            return np.asarray(skeleton[1:-1, 1:-1])
+            gone = table[_codes(skeleton, pixels)]
+            skeleton.ravel()[pixels[gone]] = False
+            pixels = pixels[~gone]
+        if len(pixels) == before:
+            return skeleton[1:-1, 1:-1]
 
 
-def _codes(mask: Mask) -> npt.NDArray[np.int32]:
-    """Return the eight neighbours of each pixel as a number below 256."""
-    return np.asarray(ndimage.correlate(mask.astype(np.int32), _CODE, mode="constant"))
+def _codes(framed: Mask, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
+    """Return the eight neighbours of some pixels, none of them at the border, as one number."""
+    width = framed.shape[1]
+    ring = np.array([-width - 1, -width, -width + 1, 1, width + 1, width, width - 1, -1])
+    around = framed.ravel()[pixels[:, None] + ring]  # clockwise from the upper left
+    return np.packbits(around, axis=1, bitorder="little")[:, 0]
 
 
 def _tables() -> Iterator[Mask]:
@@ -98,25 +126,37 @@ def _tables() -> Iterator[Mask]:
 
 _RING = (np.arange(256)[:, None] >> np.arange(8)) & 1 > 0  # from the upper left, clockwise
 _BEGUN = (~_RING & np.roll(_RING, -1, axis=1)).sum(axis=1)  # lines that meet in a pixel
+_SQUARE = np.stack([_RING[:, [k, k - 1, k - 2]].all(axis=1) for k in (1, 3, 5, 7)]).any(axis=0)
+_JOINT = (_BEGUN > 2) | _SQUARE  # four lines may meet in a square of four pixels
 _TABLES = tuple(_tables())
 
 
 def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, FloatArray]]:
     """Return the strands of a skeleton, and the places (u, v) of the nodes that are loose ends."""
-    joints = skeleton & (_BEGUN[_codes(skeleton)] > 2)
-    if joints.any():  # one crossing of two strands has several
-        joints = ndimage.distance_transform_edt(~joints) <= half_px
-    regions, nodes = ndimage.label(joints, _EIGHT)
-    parts, count = ndimage.label(skeleton & ~joints, _EIGHT)
+    framed = np.pad(skeleton, 1)
+    places = np.argwhere(framed)[:, ::-1] - 0.5  # (u, v)
+    joint = _JOINT[_codes(framed, np.flatnonzero(framed))]
+    in_node = np.zeros(len(places), np.bool_)
+    if joint.any():  # one crossing of two strands has several
+        in_node = cKDTree(places[joint]).query(places)[0] <= half_px
+        others = np.flatnonzero(~in_node)
+        for part in _parts(places[others]):  # and what is left between them
+            in_node[others[part]] = len(part) < half_px
+    nodes, node_of = csgraph.connected_components(_links(places[in_node]), directed=False)
+    free = places[~in_node]
+    node_at = np.zeros(len(free), np.int64)
+    if nodes:
+        gap, nearest = cKDTree(places[in_node]).query(free)
+        node_at = np.where(gap < 2.5, node_of[nearest] + 1, 0)
     strands: list[_Strand] = []
     loose: dict[int, FloatArray] = {}
-    if count > 10 * TRACING.strands_most:  # most of them would have to be spurs
-        return strands, loose
-    for number, box in enumerate(ndimage.find_objects(parts), 1):
-        pixels = _ordered(parts[box] == number) + [each.start for each in box]
-        line = pixels[:, ::-1] + 0.5
-        ends = [_node_at(regions, pixels[0]), _node_at(regions, pixels[-1])]
-        if 0 in ends and max(ends) > 0 and len(pixels) < TRACING.strands_spur * half_px:
+    for part in _parts(free):
+        if len(strands) > TRACING.strands_most:
+            break
+        line = free[part]
+        ends = [int(node_at[each]) for each in (part[0], part[-1])]
+        spur = max(ends) > 0 and (0 in ends or ends[0] == ends[1])
+        if spur and len(part) < TRACING.strands_spur * half_px:
             continue
         for end in (0, 1):
             if ends[end] == 0:
@@ -126,20 +166,30 @@ def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, Flo
     return strands, loose
 
 
-def _ordered(part: Mask) -> npt.NDArray[np.int64]:
-    """Return the pixels of a line, (row, column), from one end to the other: int64 (N, 2)."""
-    pixels = np.argwhere(part)
-    first = steps_along(part, tuple(pixels[0]))
-    one_end = np.unravel_index(int(first.argmax()), part.shape)
-    steps = steps_along(part, (int(one_end[0]), int(one_end[1])))
-    return pixels[np.argsort(steps[tuple(pixels.T)], kind="stable")]
+def _parts(places: FloatArray) -> Iterator[npt.NDArray[np.int64]]:
+    """Yield the lines among pixels, the numbers of each in order; nothing for too many lines."""
+    links = _links(places)
+    count, part_of = csgraph.connected_components(links, directed=False)
+    if count > 10 * TRACING.strands_most:  # most of them would have to be spurs
+        return
+    for first in np.unique(part_of, return_index=True)[1]:
+        end = _from(links, int(first))[-1]
+        yield _from(links, int(end))
 
 
-def _node_at(regions: npt.NDArray[np.int32], pixel: npt.NDArray[np.int64]) -> int:
-    """Return the number of the node next to the end of a line, 0 for none."""
-    row, column = pixel
-    near = regions[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-    return int(near.max())
+def _links(places: FloatArray) -> sparse.csr_array:
+    """Return which of N pixels are neighbours, (N, N)."""
+    count = len(places)
+    pairs = np.zeros((0, 2), np.int64)
+    if count:
+        pairs = cKDTree(places).query_pairs(1.5, output_type="ndarray")
+    return sparse.csr_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+
+
+def _from(links: sparse.csr_array, first: int) -> npt.NDArray[np.int64]:
+    """Return the pixels that are connected with one, the farthest last."""
+    order = csgraph.breadth_first_order(links, first, directed=False, return_predecessors=False)
+    return np.asarray(order, np.int64)
 
 
 @dataclass(frozen=True)
@@ -149,30 +199,35 @@ class _Search:
     Attributes:
         strands: The strands.
         loose: Nodes that are loose ends.
-        reach: Pixels over which the direction of a strand at its end is measured.
+        half_px: Half of a strand's width.
     """
 
     strands: list[_Strand]
     loose: frozenset[int]
-    reach: int
+    half_px: float
 
     def walks(self, begins: list[int]) -> Iterator[list[tuple[int, int]]]:
-        """Yield walks that pass all strands: (strand, the end at which it is entered)."""
+        """Yield walks from end to end: (strand, the end at which it is entered).
+
+        The cost is the sum of the squared turns, and of what is passed twice or not at all.
+        """
         onward: dict[int, list[tuple[int, int]]] = {}
         for number, strand in enumerate(self.strands):
             for end in (0, 1):
                 onward.setdefault(strand.nodes[end], []).append((number, end))
         order = itertools.count()
-        queue: list[tuple[float, int, int, list[tuple[int, int]]]]
+        queue: list[tuple[float, int, int | None, list[tuple[int, int]]]]
         queue = [(0.0, next(order), node, []) for node in begins]
         for _ in range(TRACING.strands_looks):
             if not queue:
                 return
             cost, _, node, walk = heapq.heappop(queue)
-            passed = {number for number, _ in walk}
-            if len(passed) == len(self.strands) and (node in self.loose or len(self.loose) < 2):
+            if node is None:
                 yield walk
                 continue
+            if walk and (node in self.loose or len(self.loose) < 2):
+                whole = cost + self._missed({number for number, _ in walk})
+                heapq.heappush(queue, (whole, next(order), None, walk))
             for step in onward.get(node, []):
                 times = sum(number == step[0] for number, _ in walk)
                 if times < 2 and not (walk and walk[-1] == (step[0], 1 - step[1])):
@@ -180,11 +235,16 @@ class _Search:
                     far = self.strands[step[0]].nodes[1 - step[1]]
                     heapq.heappush(queue, (cost + more, next(order), far, [*walk, step]))
 
+    def _missed(self, passed: set[int]) -> float:
+        left = (each.line for k, each in enumerate(self.strands) if k not in passed)
+        return TRACING.strands_missed * sum(map(len, left)) / self.half_px
+
     def _turn(self, walk: list[tuple[int, int]], step: tuple[int, int]) -> float:
         """Return the squared turn between the last strand of a walk and the next one, rad²."""
         if not walk:
             return 0.0
+        reach = max(2, round(TRACING.strands_reach * self.half_px))
         number, entered = walk[-1]
-        arriving = -self.strands[number].leaving(1 - entered, self.reach)
-        leaving = self.strands[step[0]].leaving(step[1], self.reach)
+        arriving = -self.strands[number].leaving(1 - entered, reach)
+        leaving = self.strands[step[0]].leaving(step[1], reach)
         return float(np.arccos(np.clip(arriving @ leaving, -1, 1)) ** 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import Nadir, Trace, rope_traces
@@ -61,6 +62,26 @@ def test_crossings_are_passed_straight() -> None:
     assert np.linalg.norm(best[0][0] - line[-1]) < 10  # it begins where it was told to
     backwards = evenly_spaced(line[::-1], 400)[0]
     assert np.linalg.norm(best[0] - backwards, axis=1).max() < 14
+
+
+KNOT = """-15 -47, -12 -41, -9 -35, -6 -29, -4 -23, -2 -16, -1 -11, 2 -5, 5 1, 7 6, 8 11, 7 17,
+    2 20, -3 18, -3 12, -1 6, 1 0, 3 -6, 4 -12, 1 -17, -4 -18, -8 -14, -8 -8, -7 -2, -4 4, 0 10,
+    3 15, 4 22, 5 28, 8 33, 12 38, 16 43"""
+"""A figure-eight knot (u, v), pulled tight, of a rope of half width 2."""
+
+
+@pytest.mark.parametrize("half_px", [1.4, 2.0, 5.0])
+def test_a_tight_knot_of_a_thin_rope_is_passed(half_px: float) -> None:
+    """Its holes are about a pixel wide, and some crossings are nearer than a strand's width."""
+    corners = np.array([place.split() for place in KNOT.split(",")], dtype=np.float64)
+    spline = make_interp_spline(np.arange(len(corners)), corners)
+    knot = spline(np.linspace(0, len(corners) - 1, 2000)) * half_px / 2
+    ways = (knot[0] - knot[20], knot[-1] - knot[-21])
+    ends = [np.linspace(knot[k], knot[k] + 5 * ways[k], 500) for k in (0, -1)]
+    line = np.concatenate([ends[0][::-1], knot, ends[1]]) + np.array([320, 240])
+    paths = straightest_paths(drawn(line, half_px), half_px, None)
+    assert off_px(paths[0], line) < 6 * half_px  # nearly as straight as the rope itself
+    assert min(off_px(path, line) for path in paths) < 3 * half_px
 
 
 def test_a_ring_and_what_is_no_rope() -> None:
