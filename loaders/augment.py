@@ -49,7 +49,7 @@ class AugmentSettings(Settings):
         picture_drop: Probability that the picture given to the network is one grey. A frame whose
             masks are dropped keeps its picture.
         symmetric: Probability that a cloth whose sides look alike is turned by a random number of
-            quarter turns (a rectangle that is no square: of half turns) and perhaps mirrored, and
+            quarter turns (with unequal sides: of half turns) and perhaps mirrored, and
             its material points renamed, so that it is upright again: another shape of a cloth from
             the same frame.
     """

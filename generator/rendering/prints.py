@@ -1,4 +1,4 @@
-"""Prints on cloths: designs by number, whose shapes lie elsewhere than their mirror images."""
+"""Prints on cloths: designs by number, whose shapes are elsewhere than their mirror images."""
 
 from __future__ import annotations
 
