@@ -1,10 +1,10 @@
 """How a printed cloth is turned: the quarter turn at which the colours of two pictures agree.
 
 A blank square looks alike from four sides, and a network that has learned these gives one answer
-for each quarter turn of the source. On a cloth with a print they can be distinguished without knowing
-the print: under the right one, the colours at matched places go together. What counts is the share
-of the variance of one picture's colours that a linear map of the other's explains, added up both
-ways, so that another light, or the same print in other colours, does not matter.
+for each quarter turn of the source. On a cloth with a print they can be distinguished without
+knowing the print: under the right one, the colours at matched places go together. What counts is
+the share of the variance of one picture's colours that a linear map of the other's explains, added
+up both ways, so that another light, or the same print in other colours, does not matter.
 """
 
 from __future__ import annotations
