@@ -16,11 +16,12 @@ from pliant.spec.io.staging import is_left_alone, staged, staged_both
 from pliant.spec.io.writing import replacing
 
 PROGRAM = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.io.staging import staged
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 with terminated_like_interrupted(""), staged(Path(sys.argv[1])) as place:
     (place / "half").write_text("half")
     print("ready", flush=True)
