@@ -111,8 +111,8 @@ class SceneObject:
         size_m: Rope length, or the cloth's length along u, metres.
         thickness_m: Rope diameter or cloth thickness, metres.
         info: JSON-able parameters kept in `sequence.json` (control points, handles, actions …).
-        variant: Appearance that the tier's symmetry depends on (`plain`,
-            or a cloth's `towel`).
+        variant: What is on it: `plain`; a cloth also `towel`, or `printed` and the number of the
+            design, as in `Appearance.pattern`.
         proportion: A cloth's length along v over its length along u.
     """
 

@@ -18,7 +18,6 @@ from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
-from pliant.models.don.prints import settled_by_print
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.search import Decided, Search
 from pliant.models.don.settings import DonSettings
@@ -140,8 +139,7 @@ class DonMatcher:
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
-        if self.settings.blank_square != "no" and self.input.colour:
-            from_view = settled_by_print(from_view, in_view, self._views, self._coarsely)
+        from_view = self.reader.turned_as(from_view, in_view, self._coarsely)
         unmasked = source.mask is None or target.mask is None
         unmasked |= from_view.segmented or in_view.segmented
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))

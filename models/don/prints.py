@@ -59,13 +59,16 @@ def settled_by_print(
     if shown is None or there is None:
         return source
     colours = _colours(source.view, views)
-    others = _colours(target.view, views)
-    if not (_is_printed(colours, shown) and _is_printed(others, there)):
+    if not _is_printed(colours, shown):
         return source
-    points = grid_of(shown, _POINTS) * views.pixel_scale(source.view)
+    others = _colours(target.view, views)
+    if not _is_printed(others, there):
+        return source
+    points = grid_of(shown, _POINTS)
+    read = _read(colours, points)
+    in_view = (points * views.pixel_scale(source.view)).astype(np.float32)
+    original = source.back(Answers(in_view)).uv_px
     ways = [source, *other_quarter_turns(source, shown)]
-    original = source.back(Answers(points.astype(np.float32))).uv_px
-    read = _read(colours, points / views.pixel_scale(source.view))
     agreement = []
     for way in ways:
         places = matched(Pair(way.view, target.view, way.forward(original)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,14 +20,15 @@ from pliant.baselines.tracing import (
 )
 from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
+from pliant.models.don.prints import settled_by_print
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.square import other_quarter_turns, upright
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MaskNetwork
-from pliant.spec.arrays import Mask
-from pliant.spec.frame import Frame
+from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
 _KEPT_BYTES = 128 * 2**20
@@ -118,6 +120,20 @@ class RopeReader:
 
     def _large(self, seen: Reframed) -> Reframed:
         return seen.zoomed(self._shown(seen.view), *self._settings.fill)
+
+    def turned_as(
+        self, source: Reframed, target: Reframed, matched: Callable[[Pair], FloatArray]
+    ) -> Reframed:
+        """Return a cloth's source turned as the target is, where prints say so.
+
+        Args:
+            source: From `seen`.
+            target: Likewise.
+            matched: Where the queries of a pair are in its target, float64 (N, 2), by the network.
+        """
+        if self._settings.blank_square == "no" or not self._views.given.colour:
+            return source
+        return settled_by_print(source, target, self._views, matched)
 
     def ways(self, source: Reframed, target: Reframed) -> list[Reframed]:
         """Return the source turned to each other side, where nothing says how a cloth is turned.

@@ -52,7 +52,8 @@ def flat_positions(grid: GridShape, side_m: float) -> FloatArray:
     """Return a flat sheet in the plane z = 0 with its first vertex at the origin.
 
     Args:
-        grid: The vertices; a column is a step along x and a row a step along y.
+        grid: Rows and columns of vertices. u grows along x from column to column, v along y from
+            row to row.
         side_m: Length along x, metres; the spacing along y is the same.
 
     Returns:

@@ -32,11 +32,10 @@ CLOTH_ID: Final = 1
 
 def symmetries_of(settings: ClothSettings) -> tuple[Symmetry, ...]:
     """Return the maps of (u, v) under which a cloth looks the same, without the identity."""
-    if settings.variant == "printed":
-        return ()
-    if settings.variant == "towel":
-        # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
-        # colours. From the back they are a mirror image, so the picture says which face is up.
+    if settings.variant != "plain":
+        # Prints have no symmetry. A towel's wide stripe is near one end, the narrow one along one
+        # side, on both faces, in exchanged colours. From the back they are a mirror image, so the
+        # picture says which face is up.
         return ()
     # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
     square = settings.grid.proportion == 1
