@@ -13,7 +13,6 @@ from pliant.cli.options import (
     choice_option,
     json_option,
     out_option,
-    path_option,
     set_option,
 )
 from pliant.cli.terminal import echo, echo_json, rich_progress
@@ -53,11 +52,6 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
     metavar="NAME",
     help="Only this block of the table, with the sets and trainings it needs (repeatable).",
 )
-@path_option(
-    "--page",
-    "FILE.md",
-    "Also write the results page there.",
-)
 @json_option
 def command(
     config_file: Path,
@@ -67,7 +61,6 @@ def command(
     workers: int | None,
     until: str,
     tests: tuple[str, ...],
-    page: Path | None,
     as_json: bool,
 ) -> int:
     """Make a reference benchmark: generate, train, answer, evaluate, and write the table.
@@ -88,7 +81,7 @@ def command(
 
     chosen = "".join(f" --test {name}" for name in config.part)
     called = f"pliant benchmark {config_file} --out DIR{chosen}"
-    document = write_results(config, out, differing, called, page)
+    document = write_results(config, out, differing, called)
     if as_json:
         echo_json(document, sort_keys=True)
     else:

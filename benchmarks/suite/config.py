@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 from pliant.baselines import METHODS
 from pliant.baselines.conditions import Masks
@@ -112,6 +112,10 @@ class Test(Settings):
     figures: tuple[str, ...] = ()
     paper_rmse_px: Mapping[str, float] = dict()
 
+    def heading(self, variant: str) -> str:
+        """Return the heading of a variant's block."""
+        return self.title if len(self.variants) == 1 else f"{self.title}: {variant}"
+
     @property
     def answering(self) -> tuple[str, ...]:
         """Everything that answers, in the table's order."""
@@ -128,6 +132,29 @@ class Test(Settings):
             for is_blank in (False, True)
             if not is_blank or (method in learned and track != "none")
         ]
+
+
+class Asked(NamedTuple):
+    """A method in a track, on a variant of a test.
+
+    Attributes:
+        key: Name of the test.
+        test: The test.
+        variant: Name of the variant.
+        set: Set whose test split is asked.
+        entry: The method and its track.
+    """
+
+    key: str
+    test: Test
+    variant: str
+    set: str
+    entry: Entry
+
+    @property
+    def stage(self) -> str:
+        """The name of answering and scoring it."""
+        return f"answer/{self.set}--{self.entry.stored}"
 
 
 class Comparison(Settings):
@@ -188,6 +215,16 @@ class BenchmarkConfig(Settings):
     def asked(self) -> dict[str, GenerateConfig]:
         """The sets with a test split, by name."""
         return {name: made for name, made in self.sets.items() if made.counts.get(TEST_SPLIT)}
+
+    @property
+    def answers(self) -> list[Asked]:
+        """Everything that is to be answered, in the table's order."""
+        return [
+            Asked(key, test, variant, name, entry)
+            for key, test in self.tests.items()
+            for variant, name in test.variants.items()
+            for entry in test.entries
+        ]
 
     def only(self, tests: Collection[str]) -> BenchmarkConfig:
         """Return the benchmark with some blocks of its table, and the sets and runs they need.
@@ -255,11 +292,7 @@ def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
     for key, run in config.runs.items():
         first = int(run.settings.get("seed", 0))
         for index in range(run.seeds):
-            one = run.replace(
-                settings={**run.settings, "seed": first + index},
-                seeds=1,
-                arm=key,
-            )
+            one = run.replace(settings={**run.settings, "seed": first + index}, seeds=1, arm=key)
             runs |= {f"{key}-{index}": one} if run.seeds > 1 else {key: run}
     expanded = config.replace(runs=runs)
     tests = {
@@ -296,11 +329,7 @@ def _recipe(name: str, path: Path, where: str) -> dict[str, Any]:
 
 
 def _check_known(
-    name: str,
-    names: Collection[str],
-    path: Path | None,
-    where: str,
-    problem: str = "unknown name",
+    name: str, names: Collection[str], path: Path | None, where: str, problem: str = "unknown name"
 ) -> None:
     if name not in names:
         raise CallError(

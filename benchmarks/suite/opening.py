@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,28 +17,7 @@ from pliant.spec.dataset import Dataset
 from pliant.viewer.explorer.pair_page import pair_section
 
 
-@dataclass(frozen=True)
-class Opening:
-    """The first screen.
-
-    Attributes:
-        verdict: The result, in one sentence.
-        pair: The explorer of one pair, with the network and the local feature.
-        caption: Their errors on the pair.
-        row: The network's row of the table.
-        data: Folder of the dataset, relative to the benchmark's.
-        bars: (method, RMSE in px, whether it is a control), the smallest first.
-    """
-
-    verdict: str
-    pair: str
-    caption: str
-    row: Row
-    data: str
-    bars: list[tuple[str, float, bool]]
-
-
-def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Opening | None:
+def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> dict[str, Any] | None:
     """Return the pair on which a network most clearly beats the best local feature.
 
     Args:
@@ -47,7 +26,11 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
         rows: Its table.
 
     Returns:
-        None where no network, or no local feature, answered, or no network is better on a pair.
+        What the report's template shows: `verdict` (the result in one sentence), `pair` (the
+        explorer of the pair), `caption` (errors on the pair), `row` (the network's), `data` (folder
+        of the dataset in the benchmark's), `bars` (method, RMSE in px, whether it is a control; the
+        smallest first). None where no network, or no local feature, answered, or no network is
+        better on a pair.
     """
     best: tuple[float, int, Row, Row, FloatArray, FloatArray] | None = None
     for learned in (row for row in rows if row.learned and not row.entry.is_blank):
@@ -97,7 +80,10 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
     control = next((bar for bar in bars if bar[2] and bar[0] not in oracle), None)
     verdict += f"; the best control, {control[0]}, by {control[1]:.0f} px." if control else "."
     data = work.set_path(learned.set).relative_to(work.root).as_posix()
-    return Opening(verdict, explorer, caption, learned, data, bars)
+    return {
+        "verdict": verdict, "pair": explorer, "caption": caption, "row": learned, "data": data,
+        "bars": bars,
+    }  # fmt: skip
 
 
 def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:

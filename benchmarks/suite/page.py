@@ -11,12 +11,7 @@ from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
 from pliant.benchmarks.suite.opening import opening
 from pliant.benchmarks.suite.pictures import set_pictures
 from pliant.benchmarks.suite.table import Row, finished_rows, table_document
-from pliant.benchmarks.suite.tables import (
-    comparison_table,
-    cost_tables,
-    paper_tables,
-    score_tables,
-)
+from pliant.benchmarks.suite.tables import comparison_table, cost_tables, paper_tables, score_tables
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.pages import render_page
@@ -27,11 +22,7 @@ _TEMPLATES = "pliant.benchmarks.suite"
 
 
 def write_results(
-    config: BenchmarkConfig,
-    out: Path,
-    differing: Differences,
-    command: str,
-    page: Path | None = None,
+    config: BenchmarkConfig, out: Path, differing: Differences, command: str
 ) -> dict[str, Any]:
     """Write `table.json`, `results.md` and `report/index.html` of all that is scored.
 
@@ -40,7 +31,6 @@ def write_results(
         out: Its folder.
         differing: How its test queries differ from the frozen ones.
         command: What was called, for the page.
-        page: A second place for the Markdown page.
 
     Returns:
         The table, as in `table.json`.
@@ -50,9 +40,7 @@ def write_results(
     document = table_document(config, work, rows)
     write_json(out / "table.json", document)
     text = results_page(config, work, rows, differing, command)
-    for target in (out / "results.md", page):
-        if target is not None:
-            target.write_text(text, encoding="utf-8")
+    (out / "results.md").write_text(text, encoding="utf-8")
     report = out / "report" / "index.html"
     report.parent.mkdir(parents=True, exist_ok=True)
     with replacing(report) as partial:
@@ -126,21 +114,18 @@ def _missing(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, str]:
     found: dict[str, str] = {}
     for key, test in config.tests.items():
         for variant in test.variants:
-            entries = test.entries
-            lacking = [each for each in entries if (key, variant, each) not in there]
+            lacking = [each for each in test.entries if (key, variant, each) not in there]
             parts = []
             for track in test.tracks:
-                names = [
-                    each.method + (" (blank)" if each.is_blank else "")
-                    for each in lacking
-                    if each.track == track
-                ]
-                whole = len(names) == sum(each.track == track for each in entries)
+                mine = [each for each in lacking if each.track == track]
+                names = [each.method + " (blank)" * each.is_blank for each in mine]
+                if len(names) == sum(each.track == track for each in test.entries):
+                    names = ["all"]
                 if names:
-                    parts.append(f"{TRACKS[track]}: {'all' if whole else ', '.join(names)}")
+                    parts.append(f"{TRACKS[track]}: {', '.join(names)}")
             if parts:
-                place = test.title if len(test.variants) == 1 else f"{test.title}: {variant}"
-                found[place] = "all" if len(lacking) == len(entries) else "; ".join(parts)
+                whole = len(lacking) == len(test.entries)
+                found[test.heading(variant)] = "all" if whole else "; ".join(parts)
     return found
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +15,6 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.best_matches import best_matches
 from pliant.evaluator.report.cells import cause_bars
-from pliant.evaluator.report.charts import Chart
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.scores import read_scores
@@ -27,31 +25,16 @@ from pliant.spec.queries import QueryPair
 _FRAMES_SHOWN: Final = 6
 
 
-@dataclass(frozen=True)
-class SetPictures:
-    """What is shown of a test.
-
-    Attributes:
-        name: Its title and variant.
-        facts: How much it asks.
-        frames_png: Frames, index colours and depth.
-        histogram: Errors of the methods of the first track.
-        matches: (caption, SVG) of the best keypoint matches of each method that has some.
-        bars: Causes of the errors, for `macros.html.j2`.
-    """
-
-    name: str
-    facts: str
-    frames_png: bytes
-    histogram: Chart
-    matches: Sequence[tuple[str, str]]
-    bars: Mapping[str, Any]
-
-
 def set_pictures(
     config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]
-) -> list[SetPictures]:
-    """Return the pictures of every test with pairs: of its first variant, in its first track."""
+) -> list[dict[str, Any]]:
+    """Return the pictures of every test with pairs: of its first variant, in its first track.
+
+    Returns:
+        Of each test what the report's template shows: `name`, `facts` (how much it asks),
+        `frames_png`, `histogram` (errors of the methods), `matches` (caption and SVG of the best
+        keypoint matches of each method that has some), `bars` (causes of the errors).
+    """
     found = []
     for key, test in config.tests.items():
         variant, track = next(iter(test.variants)), test.tracks[0]
@@ -68,7 +51,7 @@ def set_pictures(
     return found
 
 
-def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> SetPictures:
+def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> dict[str, Any]:
     dataset = Dataset.open(work.set_path(rows[0].set))
     pairs = [pair for pair in dataset.pairs("test") if pair.source.sequence.tier == tier]
     sequences = [each for each in dataset.sequences if each.tier == tier]
@@ -82,15 +65,16 @@ def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> SetP
         label: report.document["curves"][tier]["error_px"]
         for label, report in zip(labels, reports, strict=True)
     }
-    return SetPictures(
-        name=name,
-        facts=f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
+    matched = [row for row in rows if "matches" in row.scores]
+    return {
+        "name": name,
+        "facts": f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
         f"{sum(map(len, pairs))} queries. Queries: sha256 {dataset.queries_sha256('test')}.",
-        frames_png=_png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
-        histogram=error_histogram(curves, title=f"Errors on {name}"),
-        matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
-        bars=cause_bars(reports, labels, tier),
-    )
+        "frames_png": _png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
+        "histogram": error_histogram(curves, title=f"Errors on {name}"),
+        "matches": [_matches(work, dataset, row, pairs[0]) for row in matched],
+        "bars": cause_bars(reports, labels, tier),
+    }
 
 
 def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from typing import Protocol, get_args
 
 from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
-from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, digest, model_of
+from pliant.benchmarks.suite.config import Asked, BenchmarkConfig, Test, digest, model_of
 from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, run_all
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
@@ -157,22 +157,22 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     threads = max(1, cpu_cores() // workers)
     every: dict[str, AnswerJob] = {}
     identities: dict[str, str] = {}
-    for test, set_name, entry in _asked(config):
-        stage = f"answer/{set_name}--{entry.stored}"
-        identities[stage] = digest(
-            set_digest(config, set_name),
+    for asked in sorted(config.answers, key=_turn):
+        test, entry = asked.test, asked.entry
+        identities[asked.stage] = digest(
+            set_digest(config, asked.set),
             _method_digest(config, test, entry.method),
             [read_protocol(name).sha256 for name in test.protocols],
         )
-        scores = {p: work.scores_path(set_name, entry.stored, p) for p in test.protocols}
+        scores = {p: work.scores_path(asked.set, entry.stored, p) for p in test.protocols}
         answers = {
-            kind: work.answers_path(set_name, entry.stored, kind)
+            kind: work.answers_path(asked.set, entry.stored, kind)
             for kind in get_args(Kind)
             if any(read_protocol(protocol).kind == kind for protocol in test.protocols)
         }
         run = _run_folder(work, test, entry.method)
-        data = work.set_path(set_name)
-        every[stage] = AnswerJob(entry, run, data, answers, scores, threads)
+        data = work.set_path(asked.set)
+        every[asked.stage] = AnswerJob(entry, run, data, answers, scores, threads)
     jobs: dict[str, Job] = {
         stage.removeprefix("answer/"): job
         for stage, job in every.items()
@@ -180,6 +180,11 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     }
     watcher.begin("answer", len(every), len(every) - len(jobs))
     _run(jobs, "answer", identities, work, workers, watcher)
+
+
+def _turn(asked: Asked) -> tuple[int, int]:
+    """Return when it is its turn: the first variants and tracks come first."""
+    return [*asked.test.variants].index(asked.variant), asked.test.tracks.index(asked.entry.track)
 
 
 def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
@@ -197,18 +202,6 @@ def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
         files = sorted(path for path in folder.iterdir() if path.name != CARD)
         return digest([sha256_file(path) for path in files])
     return method
-
-
-def _asked(config: BenchmarkConfig) -> list[tuple[Test, str, Entry]]:
-    """Return what is to be answered: the first variants and tracks first."""
-    found = [
-        (position, test.tracks.index(entry.track), test, set_name, entry)
-        for test in config.tests.values()
-        for position, set_name in enumerate(test.variants.values())
-        for entry in test.entries
-    ]
-    ordered = sorted(found, key=lambda each: each[:2])
-    return [(test, set_name, entry) for _, _, test, set_name, entry in ordered]
 
 
 def _run(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pliant.baselines.conditions import Masks
-from pliant.benchmarks.suite.config import PAPER_LOSSES, TRACKS, BenchmarkConfig, Entry, Test
+from pliant.benchmarks.suite.config import PAPER_LOSSES, TRACKS, Asked, BenchmarkConfig, Entry, Test
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
 
@@ -18,6 +18,11 @@ _LABELS: Final = {
     "surf": "SURF (mahotas)",
     "cloth-tps": "Outline, thin plate",
 }
+_STORED: Final = (
+    *("test", "variant", "set", "method", "label", "paper_rmse_px", "scores", "predict_cpu_s"),
+    "pairs",
+)
+"""What `table.json` has of a row as it is."""
 _NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 
 
@@ -79,24 +84,14 @@ class Row:
 def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
     """Return the rows of everything that has been answered and scored, in the config's order."""
     return [
-        _row(config, work, key, test, variant, set_name, entry, note)
-        for key, test in config.tests.items()
-        for variant, set_name in test.variants.items()
-        for entry in test.entries
-        if (note := work.finished(f"answer/{set_name}--{entry.stored}")) is not None
+        _row(config, work, each, note["facts"])
+        for each in config.answers
+        if (note := work.finished(each.stage)) is not None
     ]
 
 
-def _row(
-    config: BenchmarkConfig,
-    work: Workspace,
-    key: str,
-    test: Test,
-    variant: str,
-    set_name: str,
-    entry: Entry,
-    note: dict[str, Any],
-) -> Row:
+def _row(config: BenchmarkConfig, work: Workspace, asked: Asked, facts: dict[str, Any]) -> Row:
+    key, test, variant, set_name, entry = asked
     scores = {}
     for protocol in test.protocols:
         folder = work.scores_path(set_name, entry.stored, protocol)
@@ -121,8 +116,8 @@ def _row(
         test.paper_rmse_px.get(paper_name(arm)) if first else None,
         scores,
         work.cost(f"run/{method}") if trained else None,
-        float(note["facts"]["predict_cpu_s"]),
-        int(note["facts"]["pairs"]),
+        float(facts["predict_cpu_s"]),
+        int(facts["pairs"]),
         arm,
     )
 
@@ -175,23 +170,19 @@ def arms(rows: Sequence[Row]) -> list[Row]:
 def _mean(rows: Sequence[Row]) -> Row:
     scores: dict[str, Any] = {}
     for protocol, first in rows[0].scores.items():
-        values, intervals = {}, {}
+        scores[protocol] = {"values": dict.fromkeys(first["values"]), "intervals": {}}
         for metric in first["values"]:
             found = [row.value(protocol, metric) for row in rows]
             known = [value for value in found if value is not None]
-            values[metric] = sum(known) / len(known) if len(known) == len(rows) else None
             if len(known) == len(rows):
-                intervals[metric] = (min(known), max(known))
-        scores[protocol] = {"values": values, "intervals": intervals}
-    costs = [row.train for row in rows if row.train is not None]
+                scores[protocol]["values"][metric] = sum(known) / len(known)
+                scores[protocol]["intervals"][metric] = (min(known), max(known))
+    trained = sum((row.train for row in rows if row.train is not None), Cost())
     return replace(
         rows[0],
         label=f"{rows[0].label} ({len(rows)} seeds)",
         scores=scores,
-        train=Cost(
-            sum(cost.wall_s for cost in costs) / len(costs),
-            sum(cost.cpu_s for cost in costs) / len(costs),
-        ),
+        train=Cost(trained.wall_s / len(rows), trained.cpu_s / len(rows)),
         predict_cpu_s=sum(row.predict_cpu_s for row in rows) / len(rows),
         seeds=len(rows),
     )
@@ -218,26 +209,10 @@ def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) ->
     """Return the table as JSON values: every row, and what each stage cost."""
     noted = ("wall_s", "cpu_s", "machine", "cores", "finished")
     stages = {stage: {name: note[name] for name in noted} for stage, note in work.notes().items()}
-    return {
-        "name": config.name,
-        "version": config.version,
-        "rows": [
-            {
-                "test": row.test,
-                "variant": row.variant,
-                "set": row.set,
-                "method": row.method,
-                "track": row.entry.track,
-                "blank": row.entry.is_blank,
-                "label": row.label,
-                "paper_rmse_px": row.paper_rmse_px,
-                "scores": row.scores,
-                "train_wall_s": None if row.train is None else row.train.wall_s,
-                "train_cpu_s": None if row.train is None else row.train.cpu_s,
-                "predict_cpu_s": row.predict_cpu_s,
-                "pairs": row.pairs,
-            }
-            for row in rows
-        ],
-        "stages": stages,
-    }
+    documents = [
+        {name: getattr(row, name) for name in _STORED}
+        | {"track": row.entry.track, "blank": row.entry.is_blank}
+        | {f"train_{name}": getattr(row.train, name, None) for name in ("wall_s", "cpu_s")}
+        for row in rows
+    ]
+    return {"name": config.name, "version": config.version, "rows": documents, "stages": stages}

@@ -111,8 +111,8 @@ def _score_table(config: BenchmarkConfig, rows: Sequence[Row]) -> Table:
         *(["Train, CPU min"] * training),
         "Answer, CPU s per pair",
     ]
-    title = test.title if len(test.variants) == 1 else f"{test.title}: {rows[0].variant}"
-    return Table(title, heads, lines, rows, _best_sentence(rows, protocol))
+    best_rows = _best_sentence(rows, protocol)
+    return Table(test.heading(rows[0].variant), heads, lines, rows, best_rows)
 
 
 def _best_sentence(rows: Sequence[Row], protocol: str) -> str:
@@ -230,14 +230,7 @@ def cost_tables(config: BenchmarkConfig, work: Workspace) -> list[Table]:
     stages = {
         "making the sets": [f"set/{name}" for name in config.sets],
         "training": [f"run/{name}" for name in config.runs],
-        "answering and scoring": sorted(
-            {
-                f"answer/{set_name}--{entry.stored}"
-                for test in config.tests.values()
-                for set_name in test.variants.values()
-                for entry in test.entries
-            }
-        ),
+        "answering and scoring": sorted({each.stage for each in config.answers}),
     }
     costs = {
         name: [(each.partition("/")[2], work.cost(each)) for each in mine]

@@ -70,10 +70,8 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     path = tmp_path / "thumb.yaml"
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
-    called += ["--page", str(tmp_path / "free.md")]
     with jobs_here():
         assert run([*called, "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "free.md").read_text() == (tmp_path / "out" / "results.md").read_text()
     assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
     page = (tmp_path / "out" / "results.md").read_text()
     assert f"`pliant benchmark {path} --out DIR --test free`" in page
@@ -91,12 +89,11 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
     assert ("small", 4, 4) in watcher.steps
 
 
-def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path: Path) -> None:
+def test_table_and_page(config_file: Path, made: tuple[Path, Recorder]) -> None:
     out, _ = made
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
-    page = tmp_path / "results.md"
     called = ["benchmark", str(config_file), "--out", str(out), "--resume", "--workers", "1"]
-    result = CliRunner().invoke(cli, [*called, "--page", str(page), "--json"])
+    result = CliRunner().invoke(cli, [*called, "--json"])
     assert result.exit_code == 0, result.output
     table = json.loads(result.stdout)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
@@ -122,7 +119,7 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     blank = rows["clean", "don-rope", "given", True]
     assert blank["label"] == "don-rope, as shipped, blank picture"
     assert ("clean", "don-rope", "none", True) not in rows
-    text = page.read_text()
+    text = (out / "results.md").read_text()
     tracks = [line for line in text.splitlines() if line.startswith("## ")]
     assert tracks[:3] == [
         "## The paper's table",
