@@ -31,20 +31,17 @@ from pliant.generator.runner.run import sequence_maker
 
 
 def measure(quick: bool) -> dict[str, Value]:
+    sequences, frames, rounds = (8, 10, 1) if quick else (12, 30, 3)
     config = GenerateConfig(
-        tiers=("rope",),
-        splits={"train": 8 if quick else 12},
-        frames=10 if quick else 30,
-        episodes=True,
-        style="raster",
+        tiers=("rope",), splits={"train": sequences}, frames=frames, episodes=True, style="raster"
     )
     engines: dict[str, Engine] = {"local": LocalEngine(2), "ray": RayEngine(2, 0.0)}
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in engines}
     with two_nodes():
-        for _ in range(1 if quick else 3):
+        for _ in range(rounds):
             for name, engine in engines.items():
                 found[name].append(made(config, engine))
-    record: dict[str, Value] = {"images": len(plan_tasks(config)) * config.frames}
+    record: dict[str, Value] = {"images": sequences * frames}
     medians = {name: np.median(each, axis=0) for name, each in found.items()}
     for name, (cpu_s, driver_ms, finish_ms) in medians.items():
         record |= {f"cpu_s_per_image_{name}": cpu_s, f"driver_ms_per_sequence_{name}": driver_ms}
@@ -64,9 +61,8 @@ def two_nodes() -> Iterator[None]:
     import ray
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
-    )
+    head = {"num_cpus": 1, "include_dashboard": False}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
     cluster.add_node(num_cpus=1)
     ray.init(address=cluster.address, log_to_driver=False)
     try:

@@ -7,8 +7,7 @@ it with `generator.truth.frame_truth`.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,17 +19,18 @@ from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.camera import Camera
 
 
-@dataclass(frozen=True)
-class PassComparison:
+class PassComparison(NamedTuple):
     """How the truth of a frame and Cycles' passes differ.
 
     Attributes:
+        object_pixels: Pixels on objects, by Cycles.
         id_mismatch_px: Pixels whose object differs.
         depth_error_max_m: Largest difference of planar depth where the objects agree.
         depth_errors: Pixels whose depth differs by more than 1e-5 m.
         cycles_cpu_s: CPU seconds of the pass render.
     """
 
+    object_pixels: int
     id_mismatch_px: int
     depth_error_max_m: float
     depth_errors: int
@@ -75,11 +75,8 @@ class PassRenderer:
         for part, _, rows in mesh.parts:
             material = plain_material(part.name)
             vertices = truth.world_vertices[rows]
-            made.append(
-                blender.add_mesh(
-                    self._scene, part.name, vertices, part.faces, {}, material, part.object_id
-                )
-            )
+            shown = part.name, vertices, part.faces, {}, material, part.object_id
+            made.append(blender.add_mesh(self._scene, *shown))
         blender.render_passes(self._scene)
         for item, (_, _, rows) in zip(made, mesh.parts, strict=True):
             # As a frame of a sequence: the vertices change.
@@ -100,9 +97,5 @@ def compare_with_cycles(
     same = index == truth.surface.object_id
     both = same & (index > 0)
     error = np.abs(depth[both].astype(np.float64) - truth.surface.depth_m[both])
-    return PassComparison(
-        id_mismatch_px=int((~same).sum()),
-        depth_error_max_m=float(error.max(initial=0.0)),
-        depth_errors=int((error > 1e-5).sum()),
-        cycles_cpu_s=spent,
-    )
+    pixels, differing, far = (int(each.sum()) for each in (index > 0, ~same, error > 1e-5))
+    return PassComparison(pixels, differing, float(error.max(initial=0.0)), far, spent)

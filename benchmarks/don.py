@@ -22,12 +22,13 @@ import os
 # Waiting threads sleep: CPU time is then work, also where other programs run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
+from overhead import overhead_ratio
 from record import Value, main
 
 from pliant.baselines import METHODS
@@ -65,26 +66,22 @@ ONE_MATERIAL = GenerateConfig(
 )
 
 
-def overhead_ratio(dataset: Dataset, settings: DonSettings, run: Path, rounds: int) -> float:
-    """Return CPU time of a whole step over that of the network alone, the median of rounds."""
+def overhead(dataset: Dataset, settings: DonSettings, run: Path, rounds: int) -> float:
+    """Return CPU time of a whole step over that of the network alone."""
     task = DonTask(dataset, settings, run, Processes(0, 1, torch.device("cpu")))
-    generator = torch.Generator().manual_seed(0)
     for _ in task.batches(0, len(task.samples) // settings.batch + 1):
         pass  # every frame is in the store, as after the first minutes of a run
-    ratios = []
-    for step in range(rounds + 1):
-        started = time.process_time()
-        batch = next(iter(task.batches(step, step + 1)))
-        loss, _ = task.loss(batch, 0.0, generator)
-        loss.backward()
-        whole = time.process_time() - started
+
+    def bare(batch: dict[str, torch.Tensor]) -> Callable[[], torch.Tensor]:
         images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
-        started = time.process_time()
-        with task.precision():
-            descriptors = task.network(images)
-        descriptors.sum().backward()
-        ratios.append(whole / (time.process_time() - started))
-    return statistics.median(ratios[1:])  # the first one warms up
+
+        def alone() -> torch.Tensor:
+            with task.precision():
+                return task.network(images).sum()
+
+        return alone
+
+    return overhead_ratio(task, rounds, bare)
 
 
 def scored(dataset: Dataset, method: str, matcher: object, folder: Path) -> Scores:
@@ -105,7 +102,7 @@ def measure(quick: bool) -> dict[str, Value]:
         dataset = Dataset.open(scratch / "set")
         settings = read_settings(DonSettings, RECIPE, ["tier=rope", *(QUICK if quick else [])])
         timed = read_settings(DonSettings, RECIPE, ["tier=rope", "limit=12"])
-        ratio = overhead_ratio(dataset, timed, scratch / "timing", 3 if quick else 15)
+        ratio = overhead(dataset, timed, scratch / "timing", 3 if quick else 15)
         run = scratch / "run"
         started = time.process_time()
         train_don(dataset, run, settings)

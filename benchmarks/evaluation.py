@@ -44,6 +44,7 @@ TIERS = tuple(
     Tier(name, "cloth", "two-sided", 1, (MaterialObject(1, "cloth", SIDES),), symmetries)
     for name, symmetries in (("plain", ()), ("turned", (HALF_TURN,)))
 )
+JOBS = ("read", "paper", "standard")
 IDENTITY = {"dataset": {"id": "scale", "version": "1.0.0"}}
 
 
@@ -83,8 +84,7 @@ def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[st
     """Write the dataset without its queries; return the names and tiers of its sequences."""
     info = {
         "spec_version": SPEC_VERSION,
-        "id": "scale",
-        "version": "1.0.0",
+        **IDENTITY["dataset"],
         "title": "Rows to score",
         "description": "Random rows for a benchmark of the evaluator.",
         "licence": "CC-BY-4.0",
@@ -98,19 +98,10 @@ def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[st
     write_json(root / layout.DATASET_JSON, info, "dataset")
     tier_of = [TIERS[2 * index // sequence_count].name for index in range(sequence_count)]
     names = [f"{tier}-test-{index:06d}" for index, tier in enumerate(tier_of)]
-    sequences = {
-        "id": names,
-        "tier": tier_of,
-        "split": ["test"] * sequence_count,
-        "shape": [None] * sequence_count,
-        "frames": [FRAMES] * sequence_count,
-        "temporal": [False] * sequence_count,
-        "seed": [0] * sequence_count,
-        "style": ["external"] * sequence_count,
-        "coverage": [0.5] * sequence_count,
-        "self_occluded": [0.2] * sequence_count,
-    }
-    table = pa.table(sequences, schema=tables.SEQUENCES)
+    same = {"split": "test", "frames": FRAMES, "temporal": False, "seed": 0, "style": "external"}
+    same |= {"coverage": 0.5, "self_occluded": 0.2}
+    rows = [{"id": name, "tier": tier, **same} for name, tier in zip(names, tier_of, strict=True)]
+    table = pa.Table.from_pylist(rows, schema=tables.SEQUENCES)
     write_table(root / layout.SEQUENCES_TABLE, table, "sequences", IDENTITY)
     return names, tier_of
 
@@ -122,12 +113,7 @@ def text(codes: Any, words: list[str]) -> Any:
 
 
 def write_rows(
-    root: Path,
-    pairs: int,
-    per_pair: int,
-    names: list[str],
-    tier_of: list[str],
-    middle: float = 1.0,
+    root: Path, pairs: int, per_pair: int, names: list[str], tier_of: list[str], middle: float = 1
 ) -> None:
     """Write queries, answers and a submission; half of the sequences have a symmetric partner.
 
@@ -181,14 +167,12 @@ def write_rows(
         "box_px": np.full(len(pair), 300, np.float32),
         "alternatives": _partners(uv_b, state, tier_codes),
     }
-    write_table(
-        layout.truth_path(root, "test"), pa.table(truth, schema=tables.TRUTH), "truth", footer
-    )
+    truth_table = pa.table(truth, schema=tables.TRUTH)
+    write_table(layout.truth_path(root, "test"), truth_table, "truth", footer)
     order = rng.permutation(len(pair))
     answer = (uv_b + rng.normal(0, 6, uv_b.shape)).astype(np.float32)[order]
-    answers = pa.table(
-        {"pair_id": pair[order], "query_id": query[order], "u": answer[:, 0], "v": answer[:, 1]}
-    )
+    columns = pair[order], query[order], *answer.T
+    answers = pa.table(dict(zip(("pair_id", "query_id", "u", "v"), columns, strict=True)))
     footer["method"] = {"name": "noise"}
     write_table(root / "submission.parquet", answers, "answers", footer)
 
@@ -213,31 +197,18 @@ def job(what: str, root: Path) -> dict[str, float]:
         used = cpu_s(lambda: [pq.read_table(submission), pq.read_table(truth)])
     else:
         used = cpu_s(lambda: evaluate(submission, root, protocol=what))
-    return {"cpu_s": used, "peak_gib": peak_gib()}
+    # Not ru_maxrss, which would count the parent's memory before the exec.
+    status = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
+    return {"cpu_s": used, "peak_gib": int(status["VmHWM"].split()[0]) / 2**20}
 
 
-def peak_gib() -> float:
-    """Return this process's peak memory (ru_maxrss would count its parent's before the exec)."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmHWM:"):
-            return int(line.split()[1]) / 2**20
-    raise RuntimeError("/proc/self/status has no VmHWM")
-
-
-def run_job(what: str, root: Path) -> dict[str, float]:
-    """Run `job` in a process of its own."""
-    command = [sys.executable, __file__, "--job", what, str(root)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
-
-
-def compare(root: Path, jobs: list[str], rounds: int) -> dict[str, dict[str, float]]:
-    """Run jobs in turns; return the median CPU time and the largest peak of each."""
-    runs: dict[str, list[dict[str, float]]] = {name: [] for name in jobs}
-    for _ in range(rounds):
-        for name in jobs:
-            runs[name].append(run_job(name, root))
+def compare(root: Path, rounds: int) -> dict[str, dict[str, float]]:
+    """Run jobs in turns, each in its own process; return median CPU time and largest peak."""
+    runs: dict[str, list[dict[str, float]]] = {name: [] for name in JOBS}
+    for name in JOBS * rounds:
+        command = [sys.executable, __file__, "--job", name, str(root)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        runs[name].append(json.loads(done.stdout.splitlines()[-1]))
     return {
         name: {
             "cpu_s": statistics.median(run["cpu_s"] for run in done),
@@ -250,19 +221,18 @@ def compare(root: Path, jobs: list[str], rounds: int) -> dict[str, dict[str, flo
 def measure(quick: bool) -> dict[str, Value]:
     """Measure 2 million rows (quick), or 10 million; 5,100 pairs with surfaces, or 51,000."""
     rows, pairs = (2_000_000, 5_100) if quick else (10_000_000, 51_000)
-    jobs = ["read", "paper", "standard"]
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
         root, plain_pairs = Path(folder), rows // QUERIES_PER_PAIR
         names, tier_of = write_sequences(root, max(2, plain_pairs // 20))
         write_rows(root, plain_pairs, QUERIES_PER_PAIR, names, tier_of)
         size = sum(path.stat().st_size for path in root.rglob("*.parquet"))
-        plain = compare(root, jobs, 3)
+        plain = compare(root, 3)
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
         root = Path(folder)
         names, tier_of = write_sequences(root, max(2, pairs // (20 * (FRAMES - 1))))
         write_surfaces(root, names, tier_of)
         write_rows(root, pairs, QUERIES_WITH_SURFACES, names, tier_of, middle=0.5)
-        surfaces = compare(root, jobs, 3 if quick else 1)
+        surfaces = compare(root, 3 if quick else 1)
     result: dict[str, Value] = {
         "rows": rows,
         "bytes_per_row": size / rows,

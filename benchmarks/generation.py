@@ -73,7 +73,7 @@ class Run:
             stage: sum(result.stage_cpu_s.get(stage, 0.0) for result in self.results)
             for stage in STAGES
         }
-        spent["render"] = total - sum(cpu_s for stage, cpu_s in spent.items() if stage != "render")
+        spent["render"] += total - sum(spent.values())
         return {stage: cpu_s / total for stage, cpu_s in spent.items()}
 
 
@@ -89,11 +89,7 @@ def _sustained(ticks: list[tuple[float, int]], frames: int) -> float:
 def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
     """Make one episode per worker."""
     config = GenerateConfig(
-        tiers=(tier,),
-        splits={"train": workers},
-        frames=max(frames, 2),
-        episodes=True,
-        style=style,
+        tiers=(tier,), splits={"train": workers}, frames=frames, episodes=True, style=style
     )
     results: list[SequenceResult] = []
     with tempfile.TemporaryDirectory(prefix="pliant-benchmark-") as folder:
@@ -113,10 +109,7 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
 
 @contextmanager
 def _one_core() -> Iterator[None]:
-    """Leave one core to this process and those it starts meanwhile, where the system can."""
-    if not hasattr(os, "sched_getaffinity"):
-        yield
-        return
+    """Leave one core to this process and those it starts meanwhile."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(cores)})
     try:

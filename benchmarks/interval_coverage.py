@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -48,18 +47,9 @@ RATIOS: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Methods:
-    """The sums of two methods over each pair.
-
-    Attributes:
-        crossing: The sequences of the pairs; a couple has one pair.
-        columns: For each method the pair table: squared errors in px2, answers within 16 px,
-            queries; float64 (P,) each.
-    """
-
-    crossing: Crossing
-    columns: tuple[Mapping[str, FloatArray], Mapping[str, FloatArray]]
+Methods = tuple[Crossing, list[dict[str, FloatArray]]]
+"""The sequences of the pairs (a couple has one pair), and for each method the pair table: squared
+errors in px2, answers within 16 px, queries; float64 (P,) each."""
 
 
 def simulate(
@@ -82,16 +72,15 @@ def simulate(
     error = scale[..., None] * np.hypot(*rng.normal(size=(2, 2, len(target), QUERIES)))
     below = np.full(len(target), float(QUERIES))
     crossing = Crossing.of(source, target, np.zeros(len(target), int), 1)
-    tables = (
+    return crossing, [
         {"rmse": (each**2).sum(axis=1), "pck": (each <= 16).sum(axis=1) * 1.0, "below": below}
         for each in error
-    )
-    return Methods(crossing, (next(tables), next(tables)))
+    ]
 
 
 def expected(effect: str, roles: str) -> dict[str, float]:
     """Return the expected score of a method by metric, from many sequences."""
-    table = simulate(np.random.default_rng(1), 200_000, effect, roles).columns[0]
+    table = simulate(np.random.default_rng(1), 200_000, effect, roles)[1][0]
     return {
         name: float(ratio.finish(*(side.sum(keepdims=True) for side in ratio.terms(table)))[0])
         for name, ratio in RATIOS.items()
@@ -100,11 +89,8 @@ def expected(effect: str, roles: str) -> dict[str, float]:
 
 def verdict(methods: Methods, metric: str) -> bool:
     """Return whether the shipped comparison calls two methods different."""
-    ratio, crossing = RATIOS[metric], methods.crossing
-    first, second = (
-        (crossing.sum(above), crossing.sum(below))
-        for above, below in map(ratio.terms, methods.columns)
-    )
+    ratio, (crossing, columns) = RATIOS[metric], methods
+    first, second = (tuple(map(crossing.sum, ratio.terms(each))) for each in columns)
     found = paired_difference(ratio, first, second, crossing, LEVEL)
     return found.low > 0 or found.high < 0
 
@@ -112,14 +98,14 @@ def verdict(methods: Methods, metric: str) -> bool:
 def covered(methods: Methods, truth: Mapping[str, float]) -> dict[str, bool]:
     """Return by metric whether the first method's own interval contains its expected score."""
     settings = Bootstrap(unit="sequences", replicates=1000, seed=0, level=LEVEL)
-    found = intervals([*RATIOS.values()], methods.columns[0], methods.crossing, settings)[0]
+    found = intervals([*RATIOS.values()], methods[1][0], methods[0], settings)[0]
     return {name: low <= truth[name] <= high for name, (low, high) in found.items()}
 
 
 def measure(quick: bool) -> Mapping[str, Value]:
     """Return the rates."""
     many, few = (1_500, 100) if quick else (5_000, 1_000)
-    figures: dict[str, Value] = {"comparisons": many, "intervals": few}
+    figures: dict[str, float] = {"comparisons": many, "intervals": few}
     for effect, roles in itertools.product(EFFECTS, ROLES[1:] if quick else ROLES):
         truth = expected(effect, roles)
         for count in SEQUENCES:
@@ -129,26 +115,19 @@ def measure(quick: bool) -> Mapping[str, Value]:
             right = [covered(item, truth) for item in equal[:few]]
             for metric in RATIOS:
                 key = f"{metric}_{effect}_{roles}_{count}"
-                figures |= {
-                    f"false_verdict_rate_{key}": _share([verdict(item, metric) for item in equal]),
-                    f"power_{key}": _share([verdict(item, metric) for item in better]),
-                    f"single_coverage_{key}": _share([item[metric] for item in right]),
-                }
-    rates = {key: float(value) for key, value in figures.items() if isinstance(value, float)}
-    figures["false_verdict_rate_max"] = max(
-        value for key, value in rates.items() if key.startswith("false_verdict_rate_")
-    )
-    figures["false_verdict_rate_standard_error"] = float(np.sqrt(0.05 * 0.95 / many))
-    figures["single_coverage_min_20"] = min(
-        value
-        for key, value in rates.items()
-        if key.startswith("single_coverage_") and key.endswith("_20")
-    )
-    return figures
-
-
-def _share(found: list[bool]) -> float:
-    return float(np.mean(found))
+                verdicts = [verdict(item, metric) for item in equal]
+                figures[f"false_verdict_rate_{key}"] = float(np.mean(verdicts))
+                verdicts = [verdict(item, metric) for item in better]
+                figures[f"power_{key}"] = float(np.mean(verdicts))
+                coverage = [item[metric] for item in right]
+                figures[f"single_coverage_{key}"] = float(np.mean(coverage))
+    rates = [value for key, value in figures.items() if key.startswith("false_verdict_rate_")]
+    of_20 = [v for k, v in figures.items() if k.startswith("single_") and k.endswith("_20")]
+    return figures | {
+        "false_verdict_rate_max": max(rates),
+        "false_verdict_rate_standard_error": float(np.sqrt(0.05 * 0.95 / many)),
+        "single_coverage_min_20": min(of_20),
+    }
 
 
 if __name__ == "__main__":

@@ -79,9 +79,7 @@ def kept(record: Mapping[str, Any], kinds: Mapping[str, Kind], unit_s: float) ->
     """
     found = {}
     for name, kind in kinds.items():
-        value = float(record[name])
-        if kind in ("inverse", "rate"):
-            value = 1 / value
+        value = float(record[name]) ** (-1 if kind in ("inverse", "rate") else 1)
         found[name] = round(value / unit_s if kind in ("cpu", "rate") else value, 4)
     return found
 
@@ -99,10 +97,11 @@ def measured(name: str) -> dict[str, float]:
 
 def last_release(folder: Path) -> Path | None:
     """Return the file of the highest version, or None."""
-    files = folder.glob("*.json")
-    return max(
-        files, key=lambda path: [int(n) for n in re.findall(r"\d+", path.stem)], default=None
-    )
+
+    def version(path: Path) -> list[int]:
+        return [int(number) for number in re.findall(r"\d+", path.stem)]
+
+    return max(folder.glob("*.json"), key=version, default=None)
 
 
 def regressions(
@@ -149,7 +148,6 @@ if __name__ == "__main__":
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(KEPT))
     parser.add_argument("--keep", metavar="VERSION", help="write the figures of a release")
     arguments = parser.parse_args()
-    unknown = sorted(set(arguments.names) - set(KEPT))
-    if unknown:
+    if unknown := sorted(set(arguments.names) - set(KEPT)):
         parser.error(f"no such benchmark: {', '.join(unknown)}; choose from {', '.join(KEPT)}")
     sys.exit(run(arguments.names or list(KEPT), arguments.keep))

@@ -30,6 +30,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from record import Value, main
+from scipy import ndimage
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -85,7 +86,8 @@ def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
             required="a round part that is thicker than the rope",
             fix="Give masks with --masks, or leave the picture out.",
         )
-    rope = _largest(strand & ~_grown(ball, 2))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    rope = _largest(strand & (cv2.dilate(ball.astype(np.uint8), disc) == 0))
     rows, columns = np.nonzero(rope)
     centre = np.argwhere(ball).mean(axis=0)
     start = int(((rows - centre[0]) ** 2 + (columns - centre[1]) ** 2).argmin())
@@ -126,33 +128,22 @@ def geodesic(mask: Mask, start: int) -> FloatArray:
 
 
 def _differs(rgb: npt.NDArray[np.uint8], threshold: int) -> Mask:
-    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
-    background = np.median(border, axis=0)
-    mask: Mask = np.abs(rgb - background).max(axis=2) > threshold
-    return mask
+    background = np.median(np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]), axis=0)
+    return np.asarray(np.abs(rgb - background).max(axis=2) > threshold)
 
 
 def _largest(mask: Mask) -> Mask:
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    if len(facts) < 2:
-        return np.zeros_like(mask)
-    found: Mask = labels == 1 + int(facts[1:, cv2.CC_STAT_AREA].argmax())
-    return found
+    parts, _ = ndimage.label(mask, np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel())
+    return mask & (parts == 1 + sizes[1:].argmax()) if len(sizes) > 1 else mask
 
 
 def _without_holes(mask: Mask) -> Mask:
     """Return a mask with its small holes filled."""
-    background = (~mask).astype(np.uint8)
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(background, connectivity=4)
-    small = facts[:, cv2.CC_STAT_AREA] <= _HOLE_PX2
+    parts, _ = ndimage.label(~mask)
+    small = np.bincount(parts.ravel()) <= _HOLE_PX2
     small[0] = False  # label 0 is the mask itself
-    return mask | small[labels]
-
-
-def _grown(mask: Mask, by_px: int) -> Mask:
-    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by_px + 1, 2 * by_px + 1))
-    found: Mask = cv2.dilate(mask.astype(np.uint8), shape) > 0
-    return found
+    return mask | small[parts]
 
 
 def _middle(
@@ -172,9 +163,7 @@ def score(
     arc, px, on = [], [], []
     for a, b in pairs:
         source, target = ropes[a], ropes[b]
-        found = matcher.answer(Pair(source.view, target.view, source.at_px)).uv_px.astype(
-            np.float64
-        )
+        found = matcher.answer(Pair(source.view, target.view, source.at_px)).uv_px.astype(float)
         rows, columns = np.nonzero(np.isfinite(target.place))
         pixels = np.stack([columns, rows], axis=1) + 0.5
         gaps = np.linalg.norm(found[:, None] - pixels[None], axis=2)
@@ -229,14 +218,10 @@ def measure(
 
 
 if __name__ == "__main__":
-    main(
-        "real_rope",
-        measure,
-        __doc__,
-        {
-            "folder": {"type": Path},
-            "methods": {"nargs": "*", "default": METHODS, "metavar": "METHOD"},
-            "--masks": {"type": Path, "help": "masks of rope and ball, by the pictures' names"},
-            "--threshold": {"type": int, "default": 12, "help": "grey levels (default: 12)"},
-        },
-    )
+    options = {
+        "folder": {"type": Path},
+        "methods": {"nargs": "*", "default": METHODS, "metavar": "METHOD"},
+        "--masks": {"type": Path, "help": "masks of rope and ball, by the pictures' names"},
+        "--threshold": {"type": int, "default": 12, "help": "grey levels (default: 12)"},
+    }
+    main("real_rope", measure, __doc__, options)

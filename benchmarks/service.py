@@ -71,14 +71,12 @@ def _measure(
         made = [invite(session, f"team {n}", actor="host") for n in range(participants)]
         teams, tokens = [team.id for team, _ in made], [token for _, token in made]
     _store(challenge, teams, stored)
-    files = []
     dataset = Dataset.open(public)
-    for number in range(participants):
-        files.append(place / f"{number}.parquet")
-        predict(dataset, "test", METHODS["random"](seed=number), files[-1])
-    port = 18437
-    address = f"http://127.0.0.1:{port}"
-    command = [*PLIANT, "serve", str(root), "--port", str(port), "--workers", "0"]
+    files = [place / f"{number}.parquet" for number in range(participants)]
+    for number, file in enumerate(files):
+        predict(dataset, "test", METHODS["random"](seed=number), file)
+    address = "http://127.0.0.1:18437"
+    command = [*PLIANT, "serve", str(root), "--port", "18437", "--workers", "0"]
     with open(place / "log", "wb") as log:
         server = subprocess.Popen(command, stdout=log, stderr=log)
     try:
@@ -109,17 +107,11 @@ def _measure(
 
 def _publish(place: Path, rows: int) -> tuple[Path, Path]:
     """Make a small dataset with so many queries and publish it."""
-    sequences = 10
+    queries = QuerySettings(pairs_per_sequence=10, queries_per_pair=rows // 100)
     config = GenerateConfig(
-        tiers=("rope",),
-        splits={"test": sequences},
-        frames=4,
-        width=64,
-        height=48,
-        style="raster",
-        queries=QuerySettings(pairs_per_sequence=10, queries_per_pair=rows // sequences // 10),
-        id="load",
-    )
+        tiers=("rope",), splits={"test": 10}, frames=4, width=64, height=48, style="raster",
+        queries=queries, id="load",
+    )  # fmt: skip
     generate(config, place / "data", workers=CORES)
     settings = PublishSettings(hold_out=("test",), answers_are_public=True)
     facts = publish(place / "data", place / "public", settings)
@@ -134,35 +126,18 @@ def _store(challenge: Challenge, teams: list[int], count: int) -> None:
         figures: dict[str, dict[str, float]] = {}
         for each in version.figures:
             figures.setdefault(each["group"], {})[each["metric"]] = 1.0
-        rows = [
-            {
-                "id": number,
-                "team_id": teams[number % len(teams)],
-                "phase": "test",
-                "file_sha256": f"{number:064x}",
-                "file_name": "a.parquet",
-                "file_bytes": 1,
-                "check_only": False,
-                "state": "scored",
-                "method": f"method {number}",
-                "created_ms": number,
-                "finished_ms": number,
-            }
-            for number in range(1, count + 1)
-        ]
+        file = {"file_name": "a.parquet", "file_bytes": 1, "check_only": False}
+        same = {"phase": "test", "state": "scored", **file}
+        scored = {"version_id": version.id, "figures": figures, "coverage": 1.0}
+        scored["receipt"] = {"figures": figures}
+        rows, scores = [], []
+        for number in range(1, count + 1):
+            own = {"id": number, "team_id": teams[number % len(teams)], "created_ms": number}
+            own |= {"file_sha256": f"{number:064x}", "method": f"method {number}"}
+            rows.append({**same, **own, "finished_ms": number})
+            place = float(hash(str(number)) % 9999) / 100
+            scores.append({**scored, "submission_id": number, "main": place, "scored_ms": number})
         session.execute(insert(Submission), rows)
-        scores = [
-            {
-                "submission_id": row["id"],
-                "version_id": version.id,
-                "figures": figures,
-                "main": float(hash(str(row["id"])) % 9999) / 100,
-                "coverage": 1.0,
-                "receipt": {"figures": figures},
-                "scored_ms": row["id"],
-            }
-            for row in rows
-        ]
         session.execute(insert(Score), scores)
 
 
@@ -183,11 +158,9 @@ def _timed_send(address: str, start: threading.Barrier, token: str, file: Path) 
 
 
 def _making_cpu_ms(challenge: Challenge) -> float:
-    spent = []
     with challenge.database.read() as session:
         version = session.scalars(select(Version)).one()
-        for _ in range(9):
-            spent.append(cpu_s(lambda: leaderboard(session, version, "best")))
+        spent = [cpu_s(lambda: leaderboard(session, version, "best")) for _ in range(9)]
     return 1e3 * statistics.median(spent)
 
 

@@ -25,14 +25,14 @@ import os
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import json
-import statistics
 import tempfile
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import torch
+from overhead import overhead_ratio
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
@@ -119,34 +119,28 @@ class Oracle(TimeCycleMatcher):
         return torch.nn.functional.normalize(described, dim=0)
 
 
-def overhead_ratio(task: TimeCycleTask, rounds: int) -> float:
-    """Return CPU time of a whole step over that of its encoder and affinities, by the median."""
+def overhead(task: TimeCycleTask, rounds: int) -> float:
+    """Return CPU time of a whole step over that of its encoder and affinities."""
     settings, network = task.settings, task.network
-    generator = torch.Generator().manual_seed(0)
-    lookups = affinities_a_clip(settings.clips.length)
+    patches, lookups = settings.clips.patches, affinities_a_clip(settings.clips.length)
+    side = settings.stride * network.cells
     for _ in task.batches(0, rounds + 1):
         pass  # these frames are in the store, as after the first minutes of a run
-    ratios = []
-    for step in range(rounds + 1):
-        started = time.process_time()
-        batch = next(iter(task.batches(step, step + 1)))
-        loss, _ = task.loss(batch, 0.0, generator)
-        loss.backward()
-        whole = time.process_time() - started
+
+    def bare(batch: dict[str, torch.Tensor]) -> Callable[[], torch.Tensor]:
         images = batch["image"].flatten(0, 1)
-        side = settings.stride * network.cells
-        cut = torch.rand(settings.batch * settings.clips.patches, images.shape[1], side, side)
-        started = time.process_time()
-        frames = task.encode(images).unflatten(0, (settings.batch, -1))
-        patch = task.encode(cut).flatten(2).transpose(1, 2)
-        each = frames[:, 0].repeat_interleave(settings.clips.patches, dim=0)
-        total = torch.stack(
-            [affinity(patch, each, network.temperature).square().sum() for _ in range(lookups)]
-        ).sum()
-        total.backward()
-        ratios.append(whole / (time.process_time() - started))
-        network.zero_grad(set_to_none=True)
-    return statistics.median(ratios[1:])  # the first one warms up
+        cut = torch.rand(settings.batch * patches, images.shape[1], side, side)
+
+        def alone() -> torch.Tensor:
+            frames = task.encode(images).unflatten(0, (settings.batch, -1))
+            patch = task.encode(cut).flatten(2).transpose(1, 2)
+            each = frames[:, 0].repeat_interleave(patches, dim=0)
+            found = [affinity(patch, each, network.temperature) for _ in range(lookups)]
+            return torch.stack([each.square().sum() for each in found]).sum()
+
+        return alone
+
+    return overhead_ratio(task, rounds, bare)
 
 
 def affinities_a_clip(length: int) -> int:
@@ -208,7 +202,7 @@ def measure(
             matcher = TimeCycleMatcher(supervised.network, settings)
             track = track_with(chosen(matcher, supervised))
             record |= errors(supervised, "supervised_", track)
-        record["overhead_ratio"] = overhead_ratio(task, 3 if quick else 15)
+        record["overhead_ratio"] = overhead(task, 3 if quick else 15)
         record["train_episodes"] = sum(s.split == "train" for s in dataset.sequences)
     return record
 

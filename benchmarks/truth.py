@@ -17,24 +17,10 @@ from record import Value, cpu_s, main
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import sample_scene_object
 from pliant.generator.scene.camera import CameraSettings, sample_camera
-from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (640, 480)
-
-
-def rope(index: int) -> SceneObject:
-    """The default rope."""
-    return sample_scene_object(
-        GenerateConfig(tiers=("rope",)), SequenceTask("rope", "train", index)
-    )
-
-
-def cloth(index: int) -> SceneObject:
-    """The default cloth of tiers 1 to 3, one after the other."""
-    tier = f"cloth-{1 + index % 3}"
-    return sample_scene_object(GenerateConfig(tiers=(tier,)), SequenceTask(tier, "train", index))
 
 
 def measure(quick: bool) -> dict[str, Value]:
@@ -42,10 +28,12 @@ def measure(quick: bool) -> dict[str, Value]:
     pixels = frames = mismatches = depth_errors = 0
     depth_error = reprojection = 0.0
     record: dict[str, Value] = {}
-    for name, make, count in (("rope", rope, 6 if quick else 40), ("cloth", cloth, 3)):
+    cloths = ["cloth-1", "cloth-2", "cloth-3"]
+    for name, tiers in (("rope", ["rope"] * (6 if quick else 40)), ("cloth", cloths)):
         raster_ms, cycles_ms = [], []
-        for index in range(count):
-            scene_object = make(index)
+        for index, tier in enumerate(tiers):
+            config, task = GenerateConfig(tiers=(tier,)), SequenceTask(tier, "train", index)
+            scene_object = sample_scene_object(config, task)
             pose = scene_object.pose(0)
             for view in range(1 if quick else 4):
                 rng = np.random.default_rng([index, view])

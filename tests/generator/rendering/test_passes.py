@@ -18,7 +18,7 @@ COARSE_CLOTH = ClothSettings(points_a_side=25, tracked_a_side=9, coverage_band=(
 @pytest.mark.parametrize("tier", ["rope", "cloth-1", "cloth-2", "cloth-3"])
 def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
     """Cycles works in float32: a pixel whose centre lies on an outline may fall either way."""
-    from benchmarks.cycles_passes import PassRenderer
+    from benchmarks.cycles_passes import PassRenderer, compare_with_cycles
 
     scene_object = scene(tier, cloth=COARSE_CLOTH)
     pose = scene_object.pose(0)
@@ -28,11 +28,9 @@ def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
         rng = np.random.default_rng(seed)
         camera = sample_camera(rng, scene_object, CameraSettings(), SIZE, [pose])
         truth = frame_truth(scene_object, pose, camera)
-        depth, object_id, _ = renderer.render(scene_object, truth, camera)
-        assert (object_id > 0).sum() > 500
-        same = object_id == truth.surface.object_id
-        ids += int((~same).sum())
-        both = same & (object_id > 0)
-        depths += int((np.abs(depth[both] - truth.surface.depth_m[both]) > 1e-5).sum())
+        found = compare_with_cycles(renderer, scene_object, truth, camera)
+        assert found.object_pixels > 500
+        ids += found.id_mismatch_px
+        depths += found.depth_errors
     assert ids <= 1
     assert depths <= 2
