@@ -53,9 +53,6 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 @click.option(
     "--style", metavar="fast|photo|raster|real-depth", help="How to render.  [default: fast]"
 )
-@click.option(
-    "--noise", is_flag=True, default=None, help="Add camera noise (strengths: --set noise.…)."
-)
 @path_option("--config", "FILE", "YAML or JSON file with these fields and more; flags win.")
 @set_option
 @click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one per core]")
@@ -129,8 +126,6 @@ def build_config(
         values["width"], values["height"] = image_size(given.pop("size"))
     if "splits" in given:
         given["splits"] = _parse_splits(given["splits"])
-    if given.pop("noise", False):
-        values["noise"] = values.get("noise") or {}
     values.update(given)
     return settings_from(GenerateConfig, values, path=config_file, overrides=overrides)
 

@@ -17,7 +17,7 @@ SMALL += ["--set", "rope.shapes={open: 1}"]
 
 
 def flags(**given):
-    names = ("sequences", "splits", "frames", "episodes", "size", "seed", "style", "noise")
+    names = ("sequences", "splits", "frames", "episodes", "size", "seed", "style")
     return {name: given.get(name) for name in names}
 
 
@@ -28,8 +28,8 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
     config = build_config(
         ("rope",),
         tmp_path / "c.yaml",
-        ("rope.ball=false", "rope.turns=10", "queries.queries_per_pair=7"),
-        flags(splits="train=2,test=1", seed=0, size="320x240", noise=True),
+        ("rope.ball=false", "rope.turns=10", "queries.queries_per_pair=7", "noise={}"),
+        flags(splits="train=2,test=1", seed=0, size="320x240"),
     )
     assert config.noise == NoiseSettings()
     assert config.tiers == ("rope",)
