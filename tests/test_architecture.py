@@ -63,6 +63,25 @@ def test_arrows_point_one_way(folder: str) -> None:
                 assert target == folder or target in ARROWS[folder], f"{path} imports {name}"
 
 
+# Inside the evaluator a module imports from its own layer and from those before it.
+LAYERS = (
+    {"statistics", "submission"}, {"metrics"}, {"protocols"},
+    {"controls", "truth_hints", "examples", "scores"}, {"scoring"}, {"evaluate"},
+    {"hidden_truth", "comparison"}, {"report"},
+)  # fmt: skip
+
+
+def test_no_import_in_the_evaluator_points_up() -> None:
+    layer = {name: number for number, names in enumerate(LAYERS) for name in names}
+    paths = {path: path.relative_to(ROOT / "evaluator").parts[0] for path in modules("evaluator")}
+    own = {path: part.removesuffix(".py") for path, part in paths.items()}
+    assert set(own.values()) == {*layer, "__init__"}
+    for path, part in own.items():
+        for name in imported(path) if part != "__init__" else ():
+            if name.startswith("pliant.evaluator."):
+                assert layer[name.split(".")[2]] <= layer[part], f"{path} imports {name}"
+
+
 @pytest.mark.parametrize("folder", sorted(FORBIDDEN))
 def test_light_folders_never_name_heavy_libraries(folder: str) -> None:
     for path in modules(folder):

@@ -10,8 +10,6 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer
 from tests.models.tiny_runs import DON, options
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 
 @pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")

@@ -29,8 +29,6 @@ from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
 from tests.models.tiny_runs import don
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 
 @pytest.fixture(scope="module")
 def trained(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -16,8 +16,6 @@ from pliant.models.shipped import FOLDER
 from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 NAMES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 SMALL = (
     "steps=2", "batch=1", "width=80", "height=60", "workers=0", "threads=1",

@@ -23,9 +23,6 @@ from pliant.spec.errors import CallError, TrainingError
 from tests.models.same_runs import assert_same_runs, last_checkpoint
 from tests.models.tiny_runs import DON, don, options
 
-# The import of TensorBoard's protocol buffers warns of its own future.
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 
 @pytest.mark.long
 def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:

@@ -83,7 +83,6 @@ def test_hidden_points_do_not_count() -> None:
     assert (descriptors.grad[0] != 0).any(dim=1).tolist() == [True, True, False, True]
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_run_with_all_heads_answers_with_and_without_masks(
     sheet_dataset: Dataset, tmp_path: Path
 ) -> None:

@@ -17,8 +17,6 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table
 from tests.models.tiny_runs import TIMECYCLE, options
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 
 @pytest.fixture(scope="module")
 def trained(tiny_episode: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -31,9 +31,6 @@ from pliant.spec.errors import CallError, TrainingError
 from tests.models.same_runs import assert_same_runs, last_checkpoint
 from tests.models.tiny_runs import timecycle
 
-# The import of TensorBoard's protocol buffers warns of its own future.
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,8 +18,6 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from tests.models.tiny_runs import timecycle
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 H, W = 12, 16
 ONE = torch.ones(())
 FULL = torch.ones(1, H, W, dtype=torch.bool)

@@ -19,8 +19,6 @@ from pliant.spec.dataset import Dataset
 from tests.faults.trainings import DON, TIMECYCLE
 from tests.full_disk import full_disk
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
-
 Break = Callable[[pytest.MonkeyPatch], None]
 
 
