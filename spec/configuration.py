@@ -21,6 +21,7 @@ from pydantic_core import to_jsonable_python
 from pliant.spec.constraints import Refused, did_you_mean, unit_of
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
+from pliant.spec.text import shortened
 
 __all__ = [
     "Settings", "SettingsError", "merged", "read_mapping", "read_settings",
@@ -265,8 +266,7 @@ def _problem(
 
 
 def _shown(value: Any) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return shortened(json.dumps(value, default=str), 80)
 
 
 def _hint_at(cls: type[Settings], place: Sequence[Any]) -> Any:

@@ -41,6 +41,11 @@ def escape(character: str) -> str:
     return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
 
 
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most so many characters; an ellipsis stands for what is left out."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
 def name_fault(name: str) -> str | None:
     """Return why a text cannot be shown as a name, in words, or None for a good name.
 

@@ -26,7 +26,7 @@ from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.opening import check_version
-from pliant.spec.text import name_fault
+from pliant.spec.text import name_fault, shortened
 from pliant.spec.validation.findings import reason
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
@@ -273,4 +273,4 @@ def _accepts(wanted: str, found: pa.DataType) -> bool:
 
 
 def _short(text: object) -> str:
-    return " ".join(str(text).split())[:400]
+    return shortened(" ".join(str(text).split()), 400)

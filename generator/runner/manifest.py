@@ -24,6 +24,7 @@ from pliant.spec.secrets import (
     write_secret_seed,
 )
 from pliant.spec.storage.layout import DATASET_JSON, PRIVATE_DIR, sequence_name
+from pliant.spec.text import shortened
 
 RUN_DIR: Final = ".pliant"
 
@@ -230,10 +231,6 @@ def _differences(stored: Mapping[str, Any], wanted: Mapping[str, Any], at: str =
         if isinstance(old, Mapping) and isinstance(new, Mapping):
             lines += _differences(old, new, f"{at}{key}.")
         elif old != new:
-            lines.append(f"{at}{key} ({_short(old)} there, {_short(new)} in this call)")
+            there, here = (shortened(json.dumps(each), 60) for each in (old, new))
+            lines.append(f"{at}{key} ({there} there, {here} in this call)")
     return lines
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "…"

@@ -19,7 +19,7 @@ from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 from pliant.spec.io.writing import replacing
-from pliant.spec.text import escape, texts_of, unsafe_character
+from pliant.spec.text import escape, shortened, texts_of, unsafe_character
 
 SCHEMAS = files("pliant.spec") / "schemas"
 
@@ -155,7 +155,7 @@ def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
     newer = isinstance(document, dict) and is_newer_minor(document.get("spec_version"))
     for error in _validator(name).iter_errors(document):
         if not (newer and error.validator == "additionalProperties"):
-            yield _place(error), _shortened(error.message)
+            yield _place(error), shortened(error.message, 300)
 
 
 def is_newer_minor(version: object) -> bool:
@@ -174,10 +174,6 @@ def _place(error: ValidationError) -> str:
     for part in error.absolute_path:
         place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
     return place
-
-
-def _shortened(message: str) -> str:
-    return message if len(message) <= 300 else message[:299] + "…"
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
