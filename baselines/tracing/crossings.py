@@ -66,13 +66,11 @@ def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
     with np.errstate(divide="ignore", invalid="ignore"):
         on_first, on_second = _cross(gap, step[j]) / across, _cross(gap, step[i]) / across
     met = (on_first >= 0) & (on_first < 1) & (on_second >= 0) & (on_second < 1)
-    found = []
-    for first, second, share in zip(i[met], j[met], on_first[met], strict=True):
-        ways = step[[first, second]]
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        place_px = start[first] + share * step[first]
-        found.append(Crossing(int(first), int(second), place_px, ways))
-    return found
+    first, second = i[met], j[met]
+    ways = np.stack([step[first], step[second]], axis=1)
+    ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+    places_px = start[first] + on_first[met, None] * step[first]
+    return list(map(Crossing, first.tolist(), second.tolist(), places_px, ways))
 
 
 def overlap(
