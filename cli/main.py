@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import re
@@ -129,7 +130,10 @@ def main(argv: list[str] | None = None) -> None:
     Args:
         argv: Arguments without the program's name; None takes `sys.argv`.
     """
-    sys.exit(run(argv))
+    code = run(argv)
+    # The interpreter searches all objects for cycles when it ends: half a second with PyTorch.
+    gc.freeze()
+    sys.exit(code)
 
 
 def run(argv: list[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.cli.main import COMMANDS, SECTIONS, run
+from pliant.cli.main import COMMANDS, SECTIONS, main, run
 from pliant.spec.io.parquet import read_footer
 
 PLUG_INS = {
@@ -94,3 +95,16 @@ def test_a_reader_that_goes_away_ends_the_command_silently() -> None:
         done.stdout.close()
         assert b"ended the program" not in done.stderr.read()
     assert done.returncode == 1
+
+
+def test_the_end_of_a_process_searches_no_objects_for_cycles(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main(["--help"])
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
+    assert ended.value.code == 0
+    assert "Usage: pliant" in capsys.readouterr().out
