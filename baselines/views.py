@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-
 from pliant.spec.frame import Frame
-from pliant.spec.io.photo import read_depth, read_mask, read_photo
+from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
 from pliant.spec.io.resizing import resize_nearest
 
 
@@ -37,14 +34,8 @@ def read_frame(
         >>> pliant.baselines.views.read_frame("rope.png", max_side=400).size
         (400, 300)
     """
-    rgb = read_photo(picture)
-    size = (rgb.shape[1], rgb.shape[0])
-    on = None if mask is None else read_mask(mask, size)
-    depth_m = None if depth is None else read_depth(depth, size)
-    if max_side is not None and max(size) > max_side:
-        width, height = (max(1, round(side * max_side / max(size))) for side in size)
-        small = width, height
-        rgb = np.asarray(Image.fromarray(rgb).resize(small, Image.Resampling.BOX))
-        on = None if on is None else resize_nearest(on, small)
-        depth_m = None if depth_m is None else resize_nearest(depth_m, small)
+    rgb = read_photo(picture, max_side)
+    whole, size = photo_size(picture), (rgb.shape[1], rgb.shape[0])
+    on = None if mask is None else resize_nearest(read_mask(mask, whole), size)
+    depth_m = None if depth is None else resize_nearest(read_depth(depth, whole), size)
     return Frame(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))

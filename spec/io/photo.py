@@ -25,13 +25,15 @@ _MILLIMETRES_PER_METRE: Final = 1000.0
 _TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
 
 
-def read_photo(path: Path | str) -> npt.NDArray[np.uint8]:
+def read_photo(path: Path | str, max_side: int | None = None) -> npt.NDArray[np.uint8]:
     """Read a picture as 8-bit RGB, the way viewers show it.
 
     Turned by its EXIF orientation; transparency over black; 16-bit grey by its upper 8 bits.
 
     Args:
         path: The file.
+        max_side: The longer side of a larger picture is reduced to so many pixels, each the mean of
+            the area it covers; None leaves it.
 
     Returns:
         uint8 (H, W, 3).
@@ -42,12 +44,12 @@ def read_photo(path: Path | str) -> npt.NDArray[np.uint8]:
     """
     path = _existing(path)
     try:
-        return decode_photo(path)
+        return decode_photo(path, max_side)
     except Exception as error:  # Pillow's decoders share no base
         raise _unreadable(path, error) from error
 
 
-def decode_photo(source: Path | IO[bytes]) -> npt.NDArray[np.uint8]:
+def decode_photo(source: Path | IO[bytes], max_side: int | None = None) -> npt.NDArray[np.uint8]:
     """Decode a picture; see `read_photo`.
 
     Raises:
@@ -55,7 +57,13 @@ def decode_photo(source: Path | IO[bytes]) -> npt.NDArray[np.uint8]:
         Exception: Pillow's decoders share no base.
     """
     with _opened(source) as opened:
-        return _eight_bit(ImageOps.exif_transpose(opened))
+        ImageOps.exif_transpose(opened, in_place=True)
+        picture = _eight_bit(opened)
+        longest = max(picture.size)
+        if max_side is not None and longest > max_side:
+            width, height = (max(1, round(side * max_side / longest)) for side in picture.size)
+            picture = picture.resize((width, height), Image.Resampling.BOX)
+        return np.array(picture, dtype=np.uint8)
 
 
 def photo_size(path: Path | str) -> tuple[int, int]:
@@ -195,11 +203,12 @@ def _labelled(path: Path) -> npt.NDArray[np.bool_]:
     return labels != 0 if exact else np.zeros(labels.shape[:2], np.bool_)
 
 
-def _eight_bit(picture: Image.Image) -> npt.NDArray[np.uint8]:
+def _eight_bit(picture: Image.Image) -> Image.Image:
+    """Return a picture in mode RGB: itself if it has it, as copies of 12 megapixels take time."""
     if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip at 255
-        grey = (np.clip(np.asarray(picture, dtype=np.int64), 0, 65535) >> 8).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
+        grey = np.clip(np.asarray(picture, dtype=np.int64), 0, 65535) >> 8
+        return Image.fromarray(grey.astype(np.uint8)).convert("RGB")
     if "A" in picture.getbands() or "transparency" in picture.info:
         layered = picture.convert("RGBA")
         picture = Image.alpha_composite(Image.new("RGBA", layered.size, "black"), layered)
-    return np.asarray(picture.convert("RGB"), dtype=np.uint8).copy()
+    return picture if picture.mode == "RGB" else picture.convert("RGB")
