@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.grid_shape import GridShape
-from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
 
 
@@ -41,18 +41,19 @@ class Springs:
     """The springs of a sheet, as families for the forces and one by one for the limit.
 
     The list is ordered by a spring's later mass, and for each mass: structural (left, above),
-    shear (above left, above right), bending (two to the left, two above).
+    shear (above left, above right), bending (two to the left, two above). Numbers of
+    masses are unsigned: of signed ones, compiled loops test whether they count from the end.
 
     Attributes:
         families: The six families.
-        a: int32 (S,), the later mass of each spring.
-        b: int32 (S,), the earlier mass.
+        a: uint32 (S,), the later mass of each spring.
+        b: uint32 (S,), the earlier mass.
         rest_m: float64 (S,), rest length, metres.
     """
 
     families: tuple[Family, ...]
-    a: IntArray
-    b: IntArray
+    a: npt.NDArray[np.uint32]
+    b: npt.NDArray[np.uint32]
     rest_m: FloatArray
 
 
@@ -93,7 +94,7 @@ def build_springs(grid: GridShape, side_m: float, ks: float, bending_ratio: floa
         if row >= family.rows and 0 <= column - family.columns < columns
     ]
     a, b, rest_m = zip(*ends, strict=True)
-    return Springs(families, np.array(a, np.int32), np.array(b, np.int32), np.array(rest_m))
+    return Springs(families, np.array(a, np.uint32), np.array(b, np.uint32), np.array(rest_m))
 
 
 @compiled

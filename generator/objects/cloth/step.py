@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
 
 STRETCH_LIMIT = 1.1
@@ -120,8 +120,8 @@ def collide_table(
 def limit_stretch(
     positions: FloatArray,
     free: FloatArray,
-    a: IntArray,
-    b: IntArray,
+    a: npt.NDArray[np.uint32],
+    b: npt.NDArray[np.uint32],
     rest_m: FloatArray,
     limit: float,
 ) -> None:
@@ -133,8 +133,8 @@ def limit_stretch(
     Args:
         positions: float64 (N, 3), metres; changed in place.
         free: float64 (N,), 1 for a free mass and 0 for a pinned or held one.
-        a: int32 (S,), as in `Springs`, and so the rest.
-        b: int32 (S,).
+        a: uint32 (S,), as in `Springs`, and so the rest.
+        b: uint32 (S,).
         rest_m: float64 (S,).
         limit: Longest allowed length over the rest length.
     """
