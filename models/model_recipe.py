@@ -12,11 +12,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Literal, Self
 
 from pydantic import model_validator
 
-from pliant.models.don.mask_training import fit_masks
+from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don
 from pliant.models.export import export_run
@@ -71,15 +71,17 @@ class Stage(Settings):
 
 
 class MaskStage(Settings):
-    """The training of a network that finds masks of ropes; see `mask_training.py`.
+    """The training of a network that finds masks; see `mask_training.py`.
 
     Attributes:
         sets: Names of the sets whose training splits it sees.
         steps: Steps.
+        of: What it finds.
     """
 
     sets: tuple[str, ...]
     steps: Count
+    of: Literal["rope", "cloth"]
 
 
 class ModelRecipe(Settings):
@@ -201,7 +203,8 @@ def make_model(
 def _train_masks(stage: MaskStage, out: Path, run: Path) -> None:
     sets = [Dataset.open(out / "sets" / name) for name in stage.sets]
     seed = read_settings(DonSettings, run / CONFIG).seed
-    network = fit_masks([each.frames("train") for each in sets], steps=stage.steps, seed=seed)
+    frames = [each.frames("train") for each in sets]
+    network = fit_masks(frames, steps=stage.steps, seed=seed, sampling=SAMPLINGS[stage.of])
     save_weights(run / MASKS, network.state_dict())
 
 

@@ -12,10 +12,11 @@ import torch
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
+from pliant.models.don.denoising import denoised
 from pliant.models.don.mask_repair import repaired
-from pliant.models.don.segmentation import Foreground, cloth_mask, rope_masks
+from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
-from pliant.models.networks.mask_network import MaskNetwork
+from pliant.models.networks.mask_network import CLOTH_WIDTH, MaskNetwork
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -85,7 +86,7 @@ class ViewDescriber:
         mirrored: Describe mirrored copies too.
 
     Attributes:
-        masks: Finds ropes in pictures, or None: the descriptor network's foreground does.
+        masks: Finds objects in pictures, or None: the descriptor network's foreground does.
     """
 
     def __init__(
@@ -137,8 +138,8 @@ class ViewDescriber:
     def foreground(self, view: Frame) -> Frame:
         """Return a view of a cloth with a mask found in its picture, where it has none.
 
-        It is the network's foreground, sharpened by colour. The view stays as it is for a network
-        that predicts none or sees no picture, and where nothing stands out from the table.
+        It is sharpened by colour. The view stays as it is for a network that predicts no masks or
+        sees no picture, and where nothing stands out from the table.
         """
         if view.mask is not None or not self.segments:
             return view
@@ -147,19 +148,24 @@ class ViewDescriber:
 
     def _find_cloth(self, view: Frame) -> tuple[Mask, None] | None:
         """Return the mask of `foreground`, or None where nothing stands out."""
-        out = self._out(self.given.image(*self._resized(view)))
-        mask = cloth_mask(view.rgb, out.foreground[0, 0].cpu().sigmoid().numpy())
+        rgb = denoised(view.rgb)
+        cloth = None if self.masks is None else self.masks.found(rgb, CLOTH_WIDTH)[0]
+        if cloth is None or not is_decided(cloth):
+            out = self._out(self.given.image(*self._resized(view)))
+            cloth = out.foreground[0, 0].cpu().sigmoid().numpy()
+        mask = cloth_mask(rgb, cloth)
         return None if mask is None else (mask, None)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""
+        rgb = denoised(view.rgb)
         out = self._out(self.given.image(*self._resized(view)))
         if self.masks is None:
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         else:
-            rope, objects = self.masks.found(view.rgb)
+            rope, objects = self.masks.found(rgb)
         first = self._first_share(out.descriptors[0].cpu()).numpy()
-        found = rope_masks(view.rgb, Foreground(rope, objects, first))
+        found = rope_masks(rgb, Foreground(rope, objects, first))
         if found is not None and view.mask is not None:
             found = repaired(view.mask, view.objects, found)
         return found

@@ -1,41 +1,73 @@
-"""Learns to find a rope and its ball in a picture, from the frames of training splits.
+"""Learns to find a rope and its ball, or a cloth, in a picture, from frames of training splits.
 
-Every sample is a part of a picture, turned, enlarged and mirrored at random. Object and background
-get new colours on their own; in a part of the samples the background is drawn (noise of
-several sizes, stripes), with a soft shadow. So the shape and the edges of a rope have to tell it
-from the table, not the colours of a renderer.
+Every sample is a part of a picture, turned, enlarged and mirrored at random. Object, ball and
+background get new colours on their own, and sometimes strands get the background's; in a part of
+the samples the background is drawn (noise of several sizes, stripes), with a soft shadow. So the
+shape and the edges of an object have to tell it from the table, not the colours of a renderer.
+Other objects in a picture count as the table.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import torch
 from torch.nn import functional
 
-from pliant.models.networks.mask_network import MaskNetwork, at_working_width
+from pliant.models.networks.mask_network import CLOTH_WIDTH, ROPE_WIDTH, MaskNetwork, at_width
 from pliant.spec.frame import Frame
 
 _SHAPE: Final = (256, 320)  # rows, columns of a sample, in pixels of a picture of working width
 _BATCH: Final = 6
 _RATE: Final = 3e-3
-_SCALES: Final = (0.5, 1.6)
 _NEW_BACKGROUND: Final = 0.4
 _NEW_COLOURS: Final = 0.6
+_NEW_BALL: Final = 0.6
 _BLURRED: Final = 0.3
 _MOST_NOISE: Final = 0.1
 
 
-def fit_masks(sets: Sequence[Sequence[Frame]], *, steps: int, seed: int) -> MaskNetwork:
+@dataclass(frozen=True)
+class Sampling:
+    """How samples of a kind of object are drawn.
+
+    Attributes:
+        width: Pixels from left to right of a picture as the network sees it.
+        scales: Least and largest enlargement of a sample.
+        whole: Show whole pictures, not what is around a pixel of the object.
+        camouflaged: Probability that some strands have the table's colour.
+    """
+
+    width: int
+    scales: tuple[float, float]
+    whole: bool
+    camouflaged: float
+
+
+SAMPLINGS: Final = {
+    "rope": Sampling(ROPE_WIDTH, (0.5, 1.6), whole=False, camouflaged=0.15),
+    "cloth": Sampling(CLOTH_WIDTH, (0.8, 1.2), whole=True, camouflaged=0.0),
+}
+
+
+def fit_masks(
+    sets: Sequence[Sequence[Frame]],
+    *,
+    steps: int,
+    seed: int,
+    sampling: Sampling,
+) -> MaskNetwork:
     """Train a network that finds masks.
 
     Args:
-        sets: Pictures of ropes with masks, those of training splits. A sample is of a set drawn at
+        sets: Pictures with masks, those of training splits. A sample is of a set drawn at
             random, so that a few pictures of another renderer count as much as many of one.
         steps: Steps of 6 samples; 1,500 take 13 to 25 minutes on one core.
         seed: Seed of all draws.
+        sampling: How samples are drawn, `SAMPLINGS` of the kind of object.
     """
     rng = np.random.default_rng(seed)
     with torch.random.fork_rng(devices=[]):
@@ -46,9 +78,9 @@ def fit_masks(sets: Sequence[Sequence[Frame]], *, steps: int, seed: int) -> Mask
         for _ in range(steps):
             drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
             chosen = [frames[rng.integers(len(frames))] for frames in drawn]
-            samples = torch.stack([_sample(frame, rng) for frame in chosen])
+            samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
             truth = samples[:, 3:]
-            logits = network(_coloured(samples[:, :3], truth[:, 1:]))
+            logits = network(_coloured(samples[:, :3], truth, sampling.camouflaged))
             loss = _loss(logits, truth)
             optimiser.zero_grad()
             loss.backward()
@@ -65,19 +97,21 @@ def _loss(logits: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     return entropy + 1 - (both / ((p + truth).sum(dim=(2, 3)) + 1)).mean()
 
 
-def _sample(frame: Frame, rng: np.random.Generator) -> torch.Tensor:
-    """Return a part of a picture with its masks of the rope and all objects, float (5, h, w)."""
+def _sample(frame: Frame, rng: np.random.Generator, sampling: Sampling) -> torch.Tensor:
+    """Return a part of a picture with its masks, without and with the ball, float (5, h, w)."""
     assert frame.mask is not None
     objects = frame.mask if frame.objects is None else frame.objects
     planes = [frame.rgb / 255, frame.mask[..., None], objects[..., None]]
-    whole = at_working_width(np.concatenate(planes, axis=2).astype(np.float32))
+    whole = at_width(np.concatenate(planes, axis=2).astype(np.float32), sampling.width)
     height, width = whole.shape[:2]
     rows, columns = np.nonzero(whole[..., 4] > 0.5)
     centre = rng.uniform(0, [width, height])
-    if len(rows) and rng.random() < 0.9:
+    if sampling.whole:
+        centre = np.array([width, height]) / 2 + rng.normal(0, 20, 2)
+    elif len(rows) and rng.random() < 0.9:
         k = rng.integers(len(rows))
         centre = np.array([columns[k], rows[k]]) + rng.normal(0, 60, 2)
-    scale = np.exp(rng.uniform(*np.log(_SCALES)))
+    scale = np.exp(rng.uniform(*np.log(sampling.scales)))
     angle = rng.uniform(0, 2 * np.pi)
     cosine, sine = np.cos(angle) / scale, np.sin(angle) / scale
     turn = np.array([[cosine, -sine], [sine, cosine]]) @ np.diag([rng.choice([-1, 1]), 1])
@@ -88,18 +122,29 @@ def _sample(frame: Frame, rng: np.random.Generator) -> torch.Tensor:
         torch.from_numpy(matrix[None]).float(), [1, 5, *_SHAPE], align_corners=False
     )
     image = torch.from_numpy(whole.transpose(2, 0, 1))[None]
-    return functional.grid_sample(image, grid, padding_mode="reflection", align_corners=False)[0]
+    beyond = "border" if sampling.whole else "reflection"
+    return functional.grid_sample(image, grid, padding_mode=beyond, align_corners=False)[0]
 
 
-def _coloured(rgb: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:
-    """Return pictures (N, 3, h, w) in other colours, with some other backgrounds."""
+def _coloured(rgb: torch.Tensor, truth: torch.Tensor, camouflaged: float) -> torch.Tensor:
+    """Return pictures (N, 3, h, w) in other colours, with some other backgrounds.
+
+    Args:
+        rgb: float (N, 3, h, w), 0 to 1.
+        truth: float (N, 2, h, w), masks without and with the ball.
+        camouflaged: Probability that some strands have the table's colour.
+    """
     count = len(rgb)
     each = (count, 1, 1, 1)
+    own, objects = truth[:, :1], truth[:, 1:]
     table = torch.where(torch.rand(each) < _NEW_BACKGROUND, _backgrounds(rgb, objects), rgb)
     new = torch.rand(each) < _NEW_COLOURS
     front = torch.where(new, _mixed(rgb), rgb)
     table = torch.where(new, _mixed(table), table)
-    picture = objects * front + (1 - objects) * table
+    hidden = torch.rand(each) < camouflaged
+    front = torch.where(hidden, _with_strands_of(table, front, own, 1 - objects), front)
+    ball = torch.where(torch.rand(each) < _NEW_BALL, _mixed(rgb), front)
+    picture = own * front + (objects - own) * ball + (1 - objects) * table
     picture = picture * torch.exp(0.25 * torch.randn(count, 3, 1, 1) * torch.rand(each))
     picture = picture.clamp(0.0, 1.0) ** torch.exp(0.3 * torch.randn(each))
     blurred = functional.avg_pool2d(picture, 3, 1, 1)
@@ -114,6 +159,28 @@ def _mixed(rgb: torch.Tensor) -> torch.Tensor:
     mixing = torch.eye(3) + 0.4 * torch.randn(count, 3, 3)
     mixed = torch.einsum("nchw,ndc->ndhw", rgb, mixing) + 0.2 * torch.randn(count, 3, 1, 1)
     return mixed.clamp(0.0, 1.0)
+
+
+def _with_strands_of(
+    table: torch.Tensor, front: torch.Tensor, own: torch.Tensor, around: torch.Tensor
+) -> torch.Tensor:
+    """Return pictures in which the darker or the lighter strands of a rope have the table's colour.
+
+    Args:
+        table: float (N, 3, h, w), pictures of the table.
+        front: float (N, 3, h, w), pictures of the rope.
+        own: float (N, 1, h, w), the rope's mask.
+        around: float (N, 1, h, w), the table's mask.
+    """
+
+    def mean(values: torch.Tensor, where: torch.Tensor) -> torch.Tensor:
+        return (values * where).sum((2, 3), True) / where.sum((2, 3), True).clamp_min(1)
+
+    light = front.mean(dim=1, keepdim=True)
+    side = torch.randint(0, 2, (len(front), 1, 1, 1)) * 2 - 1
+    strands = (side * (light - mean(light, own)) > 0).float()
+    shade = light / mean(light, own * strands).clamp_min(0.02)
+    return torch.where(strands > 0, mean(table, around) * shade, front)
 
 
 def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """Masks of an object in an image without any: the network's foreground, sharpened by colour.
 
-A network knows about where the object is: a rope's `MaskNetwork`, or else the descriptor
-network, whose foreground is coarser. Nearby, every pixel is compared with the table around the
+A network knows about where the object is: a `MaskNetwork`, or else the descriptor network, whose
+foreground is coarser. Nearby, every pixel is compared with the table around the
 object, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
 negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
 chroma and the mean of log r; where the network is sure, whatever the colour. `ball.py` tells the
@@ -23,6 +23,7 @@ from pliant.spec.arrays import FloatArray, Mask
 
 _WORKING_WIDTH: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
+_DECIDED: Final = 0.9
 _MARGIN_PX: Final = 4
 _TABLE_PX: Final = 12.0
 _DARKEST: Final = -2.5
@@ -79,6 +80,16 @@ def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Ma
     if shown is None:
         return None
     return _enlarged(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
+
+
+def is_decided(likely: npt.NDArray[np.float32]) -> bool:
+    """Return whether a network for masks is sure of one. Of prints, which it never saw, it is not.
+
+    Args:
+        likely: float32 (h, w), its probability that a pixel shows the object.
+    """
+    possible = likely[likely > _POSSIBLE]
+    return bool(possible.size) and float(np.abs(2 * possible - 1).mean()) > _DECIDED
 
 
 def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask | None:

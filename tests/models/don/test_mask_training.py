@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.models.don.mask_training import _coloured, _sample, fit_masks
-from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.don.mask_training import (
+    SAMPLINGS,
+    _coloured,
+    _sample,
+    _with_strands_of,
+    fit_masks,
+)
+from pliant.models.networks.mask_network import CLOTH_WIDTH, MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
 from pliant.spec.frame import Frame
@@ -34,6 +40,22 @@ def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
     assert overlap(halved[1] > 0.5, p_objects > 0.5) > 0.7
 
 
+def test_the_shipped_network_finds_a_cloth_and_not_the_cable_on_it() -> None:
+    network = MaskNetwork()
+    load_weights(network, FOLDER / "don-cloth" / MASKS)
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    cloth = (np.abs(u - 260) < 140) & (np.abs(v - 240) < 130)
+    cable = np.abs(v - 60 - 0.5 * u - 30 * np.sin(u / 60)) < 6
+    light = 0.7 + 0.3 * u / WIDTH + 0.05 * np.sin(u / 25 + v / 40)
+    rgb = np.full((HEIGHT, WIDTH, 3), [120.0, 105.0, 90.0])
+    rgb[cloth], rgb[cable] = [70, 140, 90], [30, 30, 35]
+    picture = (rgb * light[..., None]).clip(0, 255).astype(np.uint8)
+    found = network.found(picture, CLOTH_WIDTH)[0]
+    p = np.kron(found, np.ones((2, 2)))
+    assert overlap(p > 0.5, cloth & ~cable) > 0.8
+    assert p[cable & ~cloth].mean() < 0.2
+
+
 def test_a_sample_shows_what_its_masks_say() -> None:
     frame = painted()
     rgb = np.zeros_like(frame.rgb)
@@ -41,7 +63,7 @@ def test_a_sample_shows_what_its_masks_say() -> None:
     rgb[BALL] = [0, 255, 0]
     rng = np.random.default_rng(3)
     for _ in range(5):
-        sample = _sample(frame.replace(rgb=rgb), rng)
+        sample = _sample(frame.replace(rgb=rgb), rng, SAMPLINGS["rope"])
         rope, objects = sample[3], sample[4]
         torch.testing.assert_close(sample[0], rope, atol=1e-5, rtol=0)
         torch.testing.assert_close(sample[1], objects - rope, atol=1e-5, rtol=0)
@@ -55,7 +77,7 @@ def test_other_colours_leave_objects_where_they_are() -> None:
     picture = torch.where(objects > 0, torch.tensor([0.8, 0.3, 0.2]).view(1, 3, 1, 1), 0.4)
     edges = []
     for _ in range(20):
-        drawn = _coloured(picture.clone(), objects)
+        drawn = _coloured(picture.clone(), objects.expand(1, 2, 64, 80), 0.0)
         assert drawn.shape == picture.shape
         assert 0 <= float(drawn.min()) <= float(drawn.max()) <= 1
         across = (drawn[0, :, 30, 1:] - drawn[0, :, 30, :-1]).abs().sum(dim=0)
@@ -63,12 +85,30 @@ def test_other_colours_leave_objects_where_they_are() -> None:
     assert np.median(edges) > 5
 
 
+def test_some_strands_get_the_tables_colour() -> None:
+    u = np.mgrid[:64, :80][1]
+    own = torch.zeros(1, 1, 64, 80)
+    own[..., 20:40, :] = 1
+    dark = torch.from_numpy(u // 8 % 2 == 0)
+    rope = torch.where(dark, 0.2, 0.6)[None, None].expand(1, 3, 64, 80)
+    table = torch.tensor([0.8, 0.4, 0.1]).view(1, 3, 1, 1).expand(1, 3, 64, 80)
+    seen = set()
+    for seed in range(8):
+        torch.manual_seed(seed)
+        drawn = _with_strands_of(table, rope, own, 1 - own)[0, :, 30]
+        hidden = (drawn - table[0, :, 30]).abs().amax(dim=0) < 1e-5
+        seen.add(bool(hidden[0]))
+        assert torch.equal(hidden, dark[30] if hidden[0] else ~dark[30])
+        torch.testing.assert_close(drawn[:, ~hidden], rope[0, :, 30][:, ~hidden])
+    assert seen == {True, False}
+
+
 @pytest.mark.long
 def test_a_short_training_finds_a_rope() -> None:
     frame = painted()
-    network = fit_masks([[frame]], steps=80, seed=0)
-    again = fit_masks([[frame]], steps=2, seed=0)
-    torch.testing.assert_close(
-        again.state_dict(), fit_masks([[frame]], steps=2, seed=0).state_dict(), rtol=0, atol=0
+    network = fit_masks([[frame]], steps=80, seed=0, sampling=SAMPLINGS["rope"])
+    once, again = (
+        fit_masks([[frame]], steps=2, seed=0, sampling=SAMPLINGS["rope"]) for _ in range(2)
     )
+    torch.testing.assert_close(again.state_dict(), once.state_dict(), rtol=0, atol=0)
     assert overlap(network.found(frame.rgb)[0] > 0.5, ROPE) > 0.8

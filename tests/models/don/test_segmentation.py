@@ -14,7 +14,7 @@ from scipy import ndimage
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.segmentation import Foreground, cloth_mask, rope_masks
+from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
 from pliant.spec.arrays import Mask
@@ -133,6 +133,15 @@ def test_nothing_is_found_where_the_network_sees_nothing_or_all(p: float) -> Non
 def test_nothing_stands_out_from_an_even_picture() -> None:
     even = np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8)
     assert rope_masks(even, vague(scene()[1])) is None
+
+
+def test_a_network_for_masks_is_asked_only_where_it_is_sure() -> None:
+    p = np.zeros((60, 80), dtype=np.float32)
+    assert not is_decided(p)
+    p[20:40, 30:60] = 0.97
+    assert is_decided(p)
+    p[20:40, 30:40] = 0.7  # a third of the cloth in doubt
+    assert not is_decided(p)
 
 
 def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
