@@ -75,8 +75,11 @@ class PassRenderer:
         for part, _, rows in mesh.parts:
             material = plain_material(part.name)
             vertices = truth.world_vertices[rows]
-            shown = part.name, vertices, part.faces, {}, material, part.object_id
-            made.append(blender.add_mesh(self._scene, *shown))
+            made.append(
+                blender.add_mesh(
+                    self._scene, part.name, vertices, part.faces, {}, material, part.object_id
+                )
+            )
         blender.render_passes(self._scene)
         for item, (_, _, rows) in zip(made, mesh.parts, strict=True):
             # As a frame of a sequence: the vertices change.
