@@ -61,7 +61,7 @@ def segmented(frame: Frame) -> Frame:
     if frame.mask is None:
         return frame
     rng = np.random.default_rng(zlib.crc32(frame.key.encode() or frame.rgb.tobytes()))
-    noise = _noise(frame.rgb)
+    noise = noise_of(frame.rgb)
     wave = ndimage.gaussian_filter(rng.standard_normal(frame.mask.shape), _WAVE_PX)
     wave *= (RAGGED_PX + noise / _NOISE_PER_PX) / wave.std()
     objects = frame.mask if frame.objects is None else frame.objects
@@ -135,11 +135,14 @@ def _end(mask: BoolArray) -> npt.NDArray[np.int64]:
         last, reached = new[0], grown
 
 
-def _noise(rgb: npt.NDArray[np.uint8]) -> float:
-    """Estimate the noise of a picture in grey levels.
+def noise_of(rgb: npt.NDArray[np.uint8]) -> float:
+    """Return the standard deviation of a picture's noise, grey levels of 255.
 
     After Immerkaer (Fast Noise Variance Estimation, 1996), with the median over rows, so that
     texture and edges of the object count little.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB; grey is the mean of the three.
     """
     grey = rgb.mean(axis=2)
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])

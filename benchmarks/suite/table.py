@@ -19,9 +19,9 @@ _LABELS: Final = {
     "cloth-tps": "Outline, thin plate",
 }
 _STORED: Final = (
-    *("test", "variant", "set", "method", "label", "paper_rmse_px", "scores", "predict_cpu_s"),
+    "test", "variant", "set", "method", "label", "paper_rmse_px", "scores", "predict_cpu_s",
     "pairs",
-)
+)  # fmt: skip
 """What `table.json` has of a row as it is."""
 _NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 

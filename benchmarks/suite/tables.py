@@ -111,8 +111,8 @@ def _score_table(config: BenchmarkConfig, rows: Sequence[Row]) -> Table:
         *(["Train, CPU min"] * training),
         "Answer, CPU s per pair",
     ]
-    best_rows = _best_sentence(rows, protocol)
-    return Table(test.heading(rows[0].variant), heads, lines, rows, best_rows)
+    best = _best_sentence(rows, protocol)
+    return Table(test.heading(rows[0].variant), heads, lines, rows, best)
 
 
 def _best_sentence(rows: Sequence[Row], protocol: str) -> str:

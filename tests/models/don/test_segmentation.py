@@ -16,6 +16,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
+from pliant.models.networks.mask_network import MaskNetwork
 from pliant.models.shipped import load_shipped
 from pliant.spec.arrays import Mask
 from pliant.spec.dataset import SAMPLE, Dataset
@@ -142,6 +143,35 @@ def test_a_network_for_masks_is_asked_only_where_it_is_sure() -> None:
     assert is_decided(p)
     p[20:40, 30:40] = 0.7  # a third of the cloth in doubt
     assert not is_decided(p)
+
+
+def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
+    matcher = load_shipped("don-cloth")
+    assert isinstance(matcher, DonMatcher)
+    views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    left, right = (np.hypot(rows - 240, columns - u) < 90 for u in (180, 460))
+    rgb = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    rgb[left | right] = [60, 150, 90]
+    foreground = views.foreground(Frame(rgb, key="s/0")).mask
+
+    class Says(MaskNetwork):
+        sure = 1.0
+
+        def found(self, rgb: npt.NDArray[np.uint8], width: int = 320) -> npt.NDArray[np.float32]:
+            p = np.where(left, self.sure, 0.0)[::2, ::2].astype(np.float32)
+            return np.stack([p, p])
+
+    views.masks = says = Says()
+    mask = views.foreground(Frame(rgb, key="s/1")).mask
+    assert mask is not None
+    assert overlap(mask, left) > 0.9
+    says.sure = 0.8
+    again = views.foreground(Frame(rgb, key="s/2")).mask
+    assert foreground is not None
+    assert again is not None
+    assert (again == foreground).all()
+    assert overlap(again, left) < 0.9
 
 
 def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
