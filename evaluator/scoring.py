@@ -39,7 +39,7 @@ from pliant.spec.io.reading import sha256_file
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
-_PAIRS_WITH_IMAGES: Final = 2048
+_PAIRS_WITH_IMAGES: Final = 1024
 """Where surface images are read, they take the time: shorter blocks show progress."""
 
 

@@ -141,6 +141,9 @@ def read_blocks(
 ) -> Iterator[Block]:
     """Yield the split block by block, in order.
 
+    A block ends where the target sequence changes, so that no frame's images are read for two
+    blocks, unless a sequence alone is longer than a block.
+
     Args:
         queries: The split's queries.
         truth: The truth file; its keys must be those of the queries, row by row.
@@ -160,7 +163,8 @@ def read_blocks(
         raise _foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
     asked = read_columns(queries.path, ["u_a", "v_a"]) if query_pixels else None
     complete = answers.answered == queries.rows
-    for first_pair, end_pair in _spans(queries.starts, block_rows or BLOCK_ROWS):
+    changes = np.flatnonzero(np.diff(queries.sequence_b)) + 1
+    for first_pair, end_pair in _spans(queries.starts, changes, block_rows or BLOCK_ROWS):
         first, end = int(queries.starts[first_pair]), int(queries.starts[end_pair])
         starts = queries.starts[first_pair : end_pair + 1] - first
         table = truths.slice(first, end - first)
@@ -286,12 +290,22 @@ def _foreign_truth(truth: Path, found: str, required: str) -> SpecError:
     )
 
 
-def _spans(starts: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:
-    """Yield (first pair, end pair) of blocks of whole pairs."""
+def _spans(starts: IntArray, changes: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:
+    """Yield (first pair, end pair) of blocks of whole pairs, and of whole sequences if they fit.
+
+    Args:
+        starts: int64 (P + 1,), first row of each pair, and the number of rows.
+        changes: int64 (C,), pairs at which another target sequence begins.
+        block_rows: About so many rows a block.
+    """
     pair, pairs = 0, len(starts) - 1
     while pair < pairs:
         end = int(np.searchsorted(starts, starts[pair] + block_rows, side="right")) - 1
         end = min(max(end, pair + 1), pairs)
+        if end < pairs:
+            last = int(np.searchsorted(changes, end, side="right")) - 1
+            if last >= 0 and changes[last] > pair:
+                end = int(changes[last])
         yield pair, end
         pair = end
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,29 @@ def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:
     length = np.hypot(*(answer - true).T)[0]
     same = blocks._capped(answer, true, np.array([True]), length)
     assert (same == answer).all()
+
+
+@pytest.mark.parametrize(
+    ("sequences", "block_rows", "ends"),
+    [
+        ([0, 0, 0], 3, [2, 3]),  # longer than a block: ends after whole pairs
+        ([0, 1, 1], 3, [1, 3]),
+        ([0, 0, 1], 4, [2, 3]),
+        ([0, 1, 2], 3, [2, 3]),
+        ([0, 1, 1], 1, [1, 2, 3]),
+        ([0, 1, 2], 5, [3]),
+    ],
+)
+def test_a_target_sequence_is_in_one_block_if_it_fits(
+    sequences: list[int], block_rows: int, ends: list[int], tmp_path: Path
+) -> None:
+    queries, truth = written(tmp_path)
+    queries = replace(queries, sequence_b=np.array(sequences, np.int32))
+    answers = PlacedAnswers(ANSWERS, answered=5)
+    found = list(read_blocks(queries, truth, answers, block_rows=block_rows))
+    assert [block.pairs.stop for block in found] == ends
+    assert [block.pairs.start for block in found] == [0, *ends[:-1]]
+    np.testing.assert_array_equal(np.concatenate([each.answer_px for each in found]), ANSWERS)
 
 
 @pytest.mark.parametrize(
