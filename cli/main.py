@@ -160,8 +160,11 @@ def run(argv: list[str] | None = None) -> int:
         message, code = _explained(error)
         if message is None:
             raise
-        if isinstance(error, SystemExit) and _origin(error).startswith(click.core.__file__):
-            return 1  # click ends the program where the reader of its output went away
+        if isinstance(error, SystemExit) and (
+            isinstance(error.__context__, BrokenPipeError)
+            or _origin(error).startswith(click.core.__file__)
+        ):
+            return 1  # rich and click end the program where the reader of its output went away
         echo(f"Error: {message}", err=True)
         return code
     return result if isinstance(result, int) else 0

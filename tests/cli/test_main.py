@@ -85,9 +85,10 @@ def test_every_command_is_called_as_the_table_says(name: str) -> None:
     assert about.endswith(".")
 
 
-def test_a_reader_that_goes_away_ends_the_command_silently() -> None:
+@pytest.mark.parametrize("call", [["methods"], ["info", "sample"]])  # by click, and by rich
+def test_a_reader_that_goes_away_ends_the_command_silently(call: list[str]) -> None:
     """`pliant … | head -0`."""
-    script = "import sys\nfrom pliant.cli.main import run\nsys.exit(run(['methods']))"
+    script = f"import sys\nfrom pliant.cli.main import run\nsys.exit(run({call}))"
     command = [sys.executable, "-c", script]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as done:
         assert done.stdout is not None
