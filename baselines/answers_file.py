@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.parquet import write_table
 
 _KEYS: Final = ("pair_id", "query_id")
+_POSITIONS: Final = ("u", "v", "u_a", "v_a")
 _COLUMNS: Final[dict[Kind, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     "answers": (("u", "v"), ("visible", "sigma")),
     "matches": (("pair_id", "u_a", "v_a", "u", "v", "score"), ()),
@@ -36,6 +38,16 @@ _COLUMNS: Final[dict[Kind, tuple[tuple[str, ...], tuple[str, ...]]]] = {
 _SEPARATORS: Final = {".csv": (",", ";", "\t"), ".tsv": ("\t",)}
 _JSON_LINES: Final = (".jsonl", ".ndjson", ".json")
 _PARQUET: Final = (".parquet", ".pq")
+_BOOLEANS: Final = {
+    word: value for value in (False, True) for word in (str(value), str(value).lower())
+}
+"""How pandas and JSON write `visible`."""
+
+_REQUIRED: Final = {
+    **dict.fromkeys(_KEYS, "a whole number"),
+    "visible": "a probability, 0 to 1, or True or False",
+    "sigma": "a number greater than 0, px",
+}
 _SHOWN: Final = 40
 """Characters of a wrong value that a message shows."""
 
@@ -110,8 +122,16 @@ def _read(path: Path) -> tuple[pa.Table, int]:
         if suffix in _JSON_LINES:
             return pa.Table.from_pylist(list(_json_rows(path))), 1
     except (pa.ArrowException, OSError, UnicodeError) as error:
-        message = " ".join(str(error).split())
-        raise CallError("the file cannot be read", path=path, found=message[:200]) from error
+        raise CallError(
+            "the file cannot be read",
+            path=path,
+            found=" ".join(str(error).split())[:200],
+            required="a Parquet file"
+            if suffix in _PARQUET
+            else "UTF-8 text with a header and as many values in every row"
+            if suffix in _SEPARATORS
+            else "UTF-8 text",
+        ) from error
     raise CallError(
         "this is not a table of answers that can be read",
         path=path,
@@ -179,31 +199,46 @@ def _numbers(
 
 def _number(path: Path, column: pa.ChunkedArray, name: str, first: int) -> npt.NDArray[Any]:
     """Return a column as float64, or int64 for a key; the first wrong value is an error."""
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+    kind = column.type
+    if name in _POSITIONS and (pa.types.is_integer(kind) or pa.types.is_float16(kind)):
+        raise SubmissionError(
+            "positions of this type lose up to half a pixel",
+            path=path,
+            where=f"column {name}",
+            found=kind,
+            required="float32 or float64",
+            fix="The centre of the first pixel is at (0.5, 0.5): add 0.5 to a column or row number",
+        )
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         column = pc.utf8_trim_whitespace(column)
     try:
         values = column.cast(pa.float64()).to_numpy()
     except pa.ArrowException:
-        values = np.array([_float(value) for value in column.to_pylist()])
+        words = _BOOLEANS if name == "visible" else {}
+        values = np.array([_float(value, words) for value in column.to_pylist()])
     with np.errstate(over="ignore", invalid="ignore"):
         right = np.isfinite(values.astype(np.float32))
-    if name in _KEYS:
-        right &= (values == np.rint(values)) & (np.abs(values) < 2**31)
+        if name in _KEYS:
+            right &= (values == np.rint(values)) & (np.abs(values) < 2**31)
+        elif name == "visible":
+            right &= (values >= 0) & (values <= 1)
+        elif name == "sigma":
+            right &= values > 0
     if not right.all():
         row = int(np.argmin(right))
         raise SubmissionError(
-            "a value is missing or is not a finite number",
+            "a value is missing or wrong",
             path=path,
-            where=f"{_row(row, first)}, column {name}",
+            where=f"{_row(path, row, first)}, column {name}",
             found=_short(repr(column[row].as_py())),
-            required="a whole number" if name in _KEYS else "a number, such as 320.5",
+            required=_REQUIRED.get(name, "a finite number, such as 320.5"),
         )
     return values.astype(np.int64) if name in _KEYS else values
 
 
-def _float(value: Any) -> float:
+def _float(value: Any, words: dict[str, bool]) -> float:
     try:
-        return float(value)
+        return float(words.get(value, value))
     except (TypeError, ValueError):
         return float("nan")
 
@@ -259,13 +294,18 @@ def _refuse(
         found = ", ".join(f"{key} {numbers[key][row]}" for key in keys)
         total = f" (and {wrong.sum() - 1} more rows)" if wrong.sum() > 1 else ""
         raise SubmissionError(
-            message, path=path, where=_row(row, first), found=f"{found}{total}",
+            message, path=path, where=_row(path, row, first), found=f"{found}{total}",
             required="the ids of the queries file, each once",
         )  # fmt: skip
 
 
-def _row(row: int, first: int) -> str:
-    return f"line {row + first}" if first else f"row {row}"
+def _row(path: Path, row: int, first: int) -> str:
+    """Return the place of a row; in a text it is a line, and empty lines are no rows of a CSV."""
+    if not first:
+        return f"row {row}"
+    with path.open(encoding="utf-8-sig") as file:
+        lines = (number for number, line in enumerate(file, start=1) if line.rstrip("\r\n"))
+        return f"line {next(islice(lines, row + first - 1, None))}"
 
 
 def _short(text: str) -> str:

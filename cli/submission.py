@@ -70,7 +70,7 @@ def command(
         )
         text = f"{out}: {rows:,} {kind} of {dataset.id}/{split} by {method}. "
         if unused:
-            text += f"Columns left out: {', '.join(unused)}. "
+            text += f"Columns left out: {', '.join(name or '(unnamed)' for name in unused)}. "
     text += f"Then: pliant check {out} --data {data}"
     facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
     document = {**facts, "method": {"name": method}, "columns_left_out": unused}

@@ -85,6 +85,41 @@ def test_truth_in_any_format_scores_zero(
     assert read_footer(tmp_path / "out.parquet")["method"] == {"name": "mine"}
 
 
+@pytest.mark.parametrize("suffix", ["csv", "jsonl"])
+def test_visible_may_be_true_and_false_as_pandas_and_json_write_it(
+    suffix: str, rows: Rows, tmp_path: Path
+) -> None:
+    written = separated(",") if suffix == "csv" else FORMATS["JSON lines"][1]
+    seen = [{**row, "visible": row["query_id"] % 2 == 0} for row in rows]
+    (tmp_path / f"mine.{suffix}").write_bytes(written(seen))
+    assert made(tmp_path / f"mine.{suffix}") == 0
+    made_of = pq.read_table(tmp_path / "out.parquet")
+    assert made_of["visible"].to_pylist() == [float(row["visible"]) for row in seen]
+
+
+@pytest.mark.parametrize("kind", [pa.int64(), pa.uint8(), pa.float16()])
+def test_positions_that_lose_half_a_pixel_are_refused_as_by_check(
+    kind: pa.DataType, rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    column = pa.array([np.float16(row["v"]) for row in rows]).cast(kind, safe=False)
+    table = pa.Table.from_pylist(rows)
+    pq.write_table(table.set_column(3, "v", column), tmp_path / "mine.parquet")
+    assert made(tmp_path / "mine.parquet") == 1
+    error = capsys.readouterr().err
+    assert f"column v: positions of this type lose up to half a pixel; found {kind}; " in error
+    assert "required: float32 or float64. The centre of the first pixel" in error
+
+
+def test_the_index_that_pandas_writes_is_left_out(
+    rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.csv").write_bytes(
+        separated(",")([{"": number, **row} for number, row in enumerate(rows)])
+    )
+    assert made(tmp_path / "mine.csv") == 0
+    assert "Columns left out: (unnamed). " in capsys.readouterr().out
+
+
 def test_rows_without_ids_are_in_the_order_of_the_queries(rows: Rows, tmp_path: Path) -> None:
     bare = [{"u": row["u"], "v": row["v"], "visible": 1, "sigma": 2.5} for row in rows]
     (tmp_path / "mine.csv").write_bytes(separated(",")(bare))
@@ -107,13 +142,18 @@ def test_rows_without_ids_are_in_the_order_of_the_queries(rows: Rows, tmp_path: 
         ("u,v\n1,2\n1,\n", 1, "line 3, column v: a value is missing.*found ''"),
         ("u,v\n1,2\nnan,2\n", 1, "line 3, column u: .*found 'nan'"),
         ("u,v\n1,2\n2,3\n1,1e99\n", 1, "line 4, column v: .*found '1e99'"),  # of float32
-        ('u,v\n1,"2,5"\n', 1, "line 2, column v: .*found '2,5'; required: a number, such as 320.5"),
+        ("u,v\n\n1,2\n\n1,x\n", 1, "line 5, column v: .*found 'x'"),  # empty lines are not rows
+        ("u,v,visible\n1,2,1\n1,2,1.2\n", 1, "line 3, column visible: .*'1.2'; .*0 to 1"),
+        ("u,v,visible\n1,2,yes\n", 1, "line 2, column visible: .*'yes'; .*True or False"),
+        ("u,v,sigma\n1,2,0\n", 1, "line 2, column sigma: .*'0'; required: .* greater than 0"),
+        ("u,v\n1,True\n", 1, "line 2, column v: .*'True'; required: a finite number"),
+        ('u,v\n1,"2,5"\n', 1, "line 2, column v: .*found '2,5'; required: .* such as 320.5"),
         (f"u,v\n1,{'7' * 200_000}x\n", 1, r"line 2, column v: .*… \(200003 characters\)"),
         ("u,v\n1,2,3\n", 2, "cannot be read; found .*Expected 2 columns, got 3"),
         ("x,y\n1,2\n", 2, "columns are not those of a submission; found x, y; required: u, v"),
         ("pair_id,u,v\n1,2,3\n", 2, "found pair_id, u, v; .*both or neither of pair_id and quer"),
         ("u,u,v\n1,2,3\n", 2, "columns are not those of a submission; found u, u, v"),
-        ("", 2, "cannot be read; found Empty CSV file"),
+        ("", 2, "cannot be read; found Empty CSV file; required: UTF-8 text with a header"),
         ("\udcff\n", 2, "cannot be read"),
     ],
 )  # fmt: skip
