@@ -94,6 +94,14 @@ def read_coco(path: Path) -> Annotations:
         # Many tools write annotations/FILE.json next to images/.
         folder = path.parent.parent if path.parent.name == "annotations" else path.parent
         picture = picture_in(folder, image.file_name, path, where)
+        if image.id in pictures:
+            raise SpecError(
+                "two pictures have one id",
+                path=path,
+                where=f"{where}.id",
+                found=f"{image.id!r:.60}, of {pictures[image.id].name} and {picture.name}",
+                required="another id for each picture",
+            )
         pictures[image.id] = picture
         marks.add_picture(picture)
         _check_size(picture, image.width, image.height, path, where)
@@ -110,10 +118,22 @@ def read_coco(path: Path) -> Annotations:
     for index, annotation in labelled.items():
         where = f"annotations[{index}]"
         if annotation.image_id not in pictures:
-            raise SpecError("an annotation is of no picture of the file", path=path, where=where)
+            raise SpecError(
+                "an annotation is of no picture of the file",
+                path=path,
+                where=f"{where}.image_id",
+                found=f"{annotation.image_id!r:.60}",
+                required="the id of one of its images",
+            )
         values = annotation.keypoints or []
         if len(values) % 3:
-            raise SpecError("keypoints are not triples x, y, v", path=path, where=where)
+            raise SpecError(
+                "keypoints are not triples x, y, v",
+                path=path,
+                where=f"{where}.keypoints",
+                found=f"{len(values)} numbers",
+                required="three numbers for each keypoint",
+            )
         category = categories.get(annotation.category_id, _Category())
         names = category.keypoints or [str(k) for k in range(len(values) // 3)]
         if len(names) != len(values) // 3:
@@ -127,7 +147,15 @@ def read_coco(path: Path) -> Annotations:
         prefix = f"{category.name}/" if several else ""
         for number, name in enumerate(names):
             u, v, state = values[3 * number : 3 * number + 3]
-            if state > 0:
+            if state not in (0, 1, 2):
+                raise SpecError(
+                    "the visibility of a keypoint is none of COCO's",
+                    path=path,
+                    where=f"{where}.keypoints[{3 * number + 2}]",
+                    found=state,
+                    required="0 (not labelled), 1 (labelled, not visible) or 2 (visible)",
+                )
+            if state:
                 mark = Mark(u, v, state == 2)
                 marks.add(pictures[annotation.image_id], f"{prefix}{name}", mark, where)
     return marks.annotations()
@@ -182,7 +210,7 @@ def _parsed(kind: type[Document], document: Any, path: Path) -> Document:
             path=path,
             where=place.lstrip("."),
             found=f"{first['input']!r:.60}",
-            required=first["msg"],
+            required=first["msg"].removeprefix("Input should be "),
         ) from None
 
 

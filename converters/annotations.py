@@ -198,7 +198,12 @@ def read_rows(
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SpecError("the file is not UTF-8 text", path=path) from error
+        raise SpecError(
+            "the file is not UTF-8 text",
+            path=path,
+            found=f"byte 0x{error.object[error.start]:02x} at {error.start}",
+            fix="Save it as UTF-8.",
+        ) from error
     head = text.split("\n", 1)[0]
     lines = csv.DictReader(
         text.splitlines(),

@@ -92,7 +92,12 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
     record = record_of(path)
     missing = [name for name in FIELDS if name not in record]
     if missing:
-        raise SpecError("the file is incomplete", path=path, found=f"no {', '.join(missing)}")
+        raise SpecError(
+            "the file is incomplete",
+            path=path,
+            found=f"no {', '.join(missing)}",
+            required=f"the arrays {', '.join(FIELDS)}",
+        )
     frames = len(record["video"]) if record["video"].ndim else 0
     points, hidden = (_numbers(record[field], field, path) for field in ("points", "occluded"))
     if (

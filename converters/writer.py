@@ -127,6 +127,7 @@ def write_imported(
         raise SpecError(
             "no point is seen in one frame and known in another, so nothing can be asked",
             path=source.get("source"),
+            required="a point that is visible in one frame and has a position in another",
             fix="Mark the same points, under the same names, in several pictures.",
         )
     with staged_both(out, beside) as (root, answers):
@@ -163,13 +164,17 @@ def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
     for folder in (out, beside):
         if folder.exists() and not is_left_alone(folder, out):
             raise CallError("the folder is there already", path=folder, fix="Give a new folder")
-    for what, name in (("the dataset's id", settings.id), ("--kind", settings.kind)):
+    for what, name, fix in (
+        ("the dataset's id", settings.id, "Name the dataset with --id."),
+        ("--kind", settings.kind, None),
+    ):
         if not is_name(name):
             raise CallError(
                 "invalid name",
                 where=what,
                 found=repr(name)[:80],
                 required="1 to 128 letters, digits, '.', '_', '-'",
+                fix=fix,
             )
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")

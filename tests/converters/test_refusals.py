@@ -63,3 +63,14 @@ def test_a_number_or_a_field_without_end(
     ):
         assert run(["import", str(source), "--out", str(tmp_path / "out")]) == 1
         assert says in capsys.readouterr().err
+
+
+def test_a_folder_whose_name_is_no_id_needs_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = written(tmp_path / "source", "coco")
+    assert run(["import", str(source), "--out", str(tmp_path / "a b")]) == 2
+    said = capsys.readouterr().err
+    assert "found 'a b'; required: 1 to 128 letters" in said
+    assert "Name the dataset with --id" in said
+    assert run(["import", str(source), "--out", str(tmp_path / "a b"), "--id", "a-b"]) == 0
