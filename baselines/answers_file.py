@@ -300,7 +300,7 @@ def _refuse(
 
 
 def _row(path: Path, row: int, first: int) -> str:
-    """Return the place of a row; in a text it is a line, and empty lines are no rows of a CSV."""
+    """Return the place of a row; in a text it is a line; empty lines of a CSV are not rows."""
     if not first:
         return f"row {row}"
     with path.open(encoding="utf-8-sig") as file:

@@ -10,7 +10,7 @@ import click
 
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo, plural
+from pliant.cli.terminal import echo, plural, to_call
 
 if TYPE_CHECKING:
     from pliant.viewer.annotation import Marks
@@ -54,7 +54,7 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     left = f", {open_marks} of them suggested: import leaves these out" if open_marks else ""
     echo(
         f"{plural(annotation.count(), 'mark')} in {annotation.path}{left}\n"
-        f"Then: pliant import {folder} --out DATA"
+        f"Then: {to_call('pliant', 'import', folder, '--out', 'DATA')}"
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_result, plural
+from pliant.cli.terminal import echo, echo_result, plural, to_call
 from pliant.spec.errors import CallError
 from pliant.spec.extras import require_packages
 
@@ -90,7 +90,8 @@ def create(
     splits = splits or ("test",)
     token = create_challenge(challenge, data, private, splits, config, database)
     text = f"{challenge}: created.\nHost's token, shown this once: {token}\n"
-    text += f"Next: pliant challenge invite {challenge} TEAM; pliant serve {challenge}"
+    invite = to_call("pliant", "challenge", "invite", challenge, "TEAM")
+    text += f"Next: {invite}; {to_call('pliant', 'serve', challenge)}"
     echo_result({"challenge": str(challenge), "host_token": token}, text, as_json=as_json)
 
 
@@ -164,7 +165,7 @@ def audit(challenge: Challenge, as_json: bool) -> None:
 
     with challenge.database.read() as session:
         chain = verify_log(session)
-    text = f"{plural(chain.entries, 'entry').replace('entrys', 'entries')}, whole; {chain.hash}"
+    text = f"{plural(chain.entries, 'entry')}, whole; {chain.hash}"
     echo_result({"entries": chain.entries, "hash": chain.hash}, text, as_json=as_json)
 
 
@@ -205,7 +206,7 @@ def restore(source: Path, out: Path, passphrase_file: Path | None, database: str
     from pliant.service.archive import restore_challenge
 
     restore_challenge(source, out, _passphrase(passphrase_file), database)
-    echo(f"{out}: restored. Next: pliant serve {out}")
+    echo(f"{out}: restored. Next: {to_call('pliant', 'serve', out)}")
 
 
 @command.command("upgrade")

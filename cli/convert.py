@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 
 from pliant.cli.options import PATH, json_option, out_option
-from pliant.cli.terminal import echo, echo_result, plural, progress_bar
+from pliant.cli.terminal import echo, echo_result, plural, progress_bar, to_call
 
 TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"]
 
@@ -61,5 +61,6 @@ def command(
         "bytes": size,
         "lost": list(target.lost),
     }
-    text = f"Wrote {plural(len(sequences), 'sequence')} to {out}. Open with: {target.opened_by}"
-    echo_result(document, text.replace("OUT", str(out)), as_json=as_json)
+    opened_by = target.opened_by.format(out=out, shell=to_call(out))
+    text = f"Wrote {plural(len(sequences), 'sequence')} to {out}. Open with: {opened_by}"
+    echo_result(document, text, as_json=as_json)

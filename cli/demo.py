@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import image_size, json_option, out_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo, echo_json, to_call
 from pliant.spec.cores import cpu_cores
 from pliant.spec.extras import require_packages
 
@@ -107,4 +107,4 @@ def _make_challenge(out: Path, data: Path) -> tuple[str, str | None]:
         # The demo's seed is known, so its answers are no secret.
         publish(data, public, PublishSettings(hold_out=("test",), answers_are_public=True))
         token = create_challenge(root, public, private, ["test"])
-    return f"pliant serve {root}", token
+    return to_call("pliant", "serve", root), token

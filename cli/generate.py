@@ -180,9 +180,9 @@ def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -
     splits = ", ".join(f"{split} {count}" for split, count in config.counts.items())
     kind = "episodes" if config.episodes else "configurations"
     text = (
-        f"{out}: {len(plan.tasks)} sequences ({', '.join(config.tiers)}; per tier {splits}) of "
-        f"{plural(config.frames, 'frame')} ({kind}): "
-        f"{plan.frames:,} images of {config.width}x{config.height}, style {config.style}."
+        f"{out}: {plural(len(plan.tasks), 'sequence')} ({', '.join(config.tiers)}; per tier "
+        f"{splits}) of {plural(config.frames, 'frame')} ({kind}): "
+        f"{plural(plan.frames, 'image')} of {config.width}x{config.height}, style {config.style}."
     )
     if plan.finished:
         text += f" {len(plan.finished)} sequences are there already."
@@ -201,7 +201,7 @@ class _Display:
             self._begun = True
             self._bar.print(
                 f"{self._out}: {len(state.plan.missing)} of {len(state.plan.tasks)} sequences to "
-                f"make, {state.frames_wanted:,} images, {plural(self._workers, 'worker')}; "
+                f"make, {plural(state.frames_wanted, 'image')}, {plural(self._workers, 'worker')}; "
                 f"log {state.log}"
             )
         left = None if self._forecast else state.forecast.left()
@@ -238,11 +238,12 @@ def _report(summary: Summary, as_json: bool) -> None:
         echo_json(document)
         return
     if summary.unchanged:
-        echo(f"{summary.root} is finished: {summary.sequences} sequences, nothing to do.")
+        echo(f"{summary.root} is finished: {plural(summary.sequences, 'sequence')}, nothing to do.")
         return
     echo(
-        f"{summary.root}: {summary.sequences} sequences, {summary.made} made now "
-        f"({summary.frames:,} images, {decimal(summary.bytes)}, {duration(summary.seconds)})."
+        f"{summary.root}: {plural(summary.sequences, 'sequence')}, {summary.made} made now "
+        f"({plural(summary.frames, 'image')}, {decimal(summary.bytes)}, "
+        f"{duration(summary.seconds)})."
     )
     for each in summary.failed:
         last = each.error.splitlines()[-1]

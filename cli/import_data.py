@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option, path_option
-from pliant.cli.terminal import echo_result, progress_bar
+from pliant.cli.terminal import echo_result, plural, progress_bar, to_call
 
 if TYPE_CHECKING:
     from pliant.converters.writer import Imported
@@ -105,9 +105,14 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 def _summary(done: Imported, split: str) -> str:
     """Return what was written, and what to call next."""
+    data = ("--data", done.dataset)
+    predict = to_call(
+        "pliant", "predict", "METHOD", *data, "--split", split, "--out", "SUB.parquet"
+    )
+    evaluate = to_call("pliant", "evaluate", "SUB.parquet", *data, "--truth", done.truth)
     return (
-        f"{done.dataset}: {done.queries:,} queries in {done.pairs:,} pairs of {done.frames:,} "
-        f"frames in {done.sequences:,} sequences. Answers: {done.truth}\n"
-        f"Then: pliant predict METHOD --data {done.dataset} --split {split} --out SUB.parquet; "
-        f"pliant evaluate SUB.parquet --data {done.dataset} --truth {done.truth}"
+        f"{done.dataset}: {plural(done.queries, 'query')} in "
+        f"{plural(done.pairs, 'pair')} of {plural(done.frames, 'frame')} in "
+        f"{plural(done.sequences, 'sequence')}. Answers: {done.truth}\n"
+        f"Then: {predict}; {evaluate}"
     )

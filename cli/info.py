@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import PATH, json_option
-from pliant.cli.terminal import echo_json
+from pliant.cli.terminal import echo_json, plural
 
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset
@@ -127,8 +127,8 @@ def _print(document: dict[str, Any]) -> None:
     console.print(
         f"{document['id']} {document['version']}, specification {document['spec_version']}, "
         f"{document['licence']}, {size['width']}x{size['height']} px\n"
-        f"{document['sequences']:,} sequences, {document['frames']:,} frames; made by "
-        f"{document['generator']}, "
+        f"{plural(document['sequences'], 'sequence')}, {plural(document['frames'], 'frame')}; "
+        f"made by {document['generator']}, "
         f"{'no seed given' if document['seed'] is None else 'seed ' + str(document['seed'])}"
     )
     table = Table()

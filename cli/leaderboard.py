@@ -8,7 +8,7 @@ import click
 
 from pliant.cli.challenge import database_option
 from pliant.cli.options import json_option, out_option, reports_argument
-from pliant.cli.terminal import echo_result
+from pliant.cli.terminal import echo_result, plural
 from pliant.spec.errors import CallError
 
 
@@ -49,19 +49,19 @@ def command(
             raise CallError(
                 "--title and --hide-truth are for a site", fix="Name a folder: --out SITE"
             )
-        text, document = f"{_write_page(reports, out)} reports: {out}", {"page": str(out)}
+        text, document = f"{plural(_write_page(reports, out), 'report')}: {out}", {"page": str(out)}
     elif len(reports) == 1 and (reports[0] / "challenge.yaml").is_file():
         from pliant.cli.challenge import open_challenge
         from pliant.service.site import write_challenge_site
 
         pages = write_challenge_site(open_challenge(reports[0], database), out)
-        text = f"{len(pages)} leaderboards: {out / 'index.html'}"
+        text = f"{plural(len(pages), 'leaderboard')}: {out / 'index.html'}"
         document = {"site": str(out), "pages": pages}
     else:
         from pliant.evaluator.report.site import write_site
 
         names = write_site(reports, out, title=title, hide_truth=hide_truth)
-        text = f"{len(names)} reports: {out / 'index.html'}"
+        text = f"{plural(len(names), 'report')}: {out / 'index.html'}"
         document = {"site": str(out), "reports": names}
     echo_result(document, text, as_json=as_json)
 

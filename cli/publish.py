@@ -9,7 +9,7 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.terminal import echo, echo_json, plural, progress_bar
 from pliant.spec.errors import CallError
 
 
@@ -66,9 +66,9 @@ def command(
         echo_json(published.as_dict())
     else:
         echo(
-            f"{out}: {published.sequences:,} sequences, {published.frames:,} frames, "
-            f"{published.shards} shards, {published.bytes / 1e6:,.1f} MB; "
-            f"SHA256SUMS {published.checksums_sha256[:16]}…"
+            f"{out}: {plural(published.sequences, 'sequence')}, "
+            f"{plural(published.frames, 'frame')}, {plural(published.shards, 'shard')}, "
+            f"{published.bytes / 1e6:,.1f} MB; SHA256SUMS {published.checksums_sha256[:16]}…"
         )
         if published.private is not None:
             place = private or f"{out}-private"

@@ -15,7 +15,7 @@ from pliant.cli.options import (
     out_option,
     split_option,
 )
-from pliant.cli.terminal import echo_result
+from pliant.cli.terminal import echo_result, to_call
 
 
 @click.command()
@@ -71,7 +71,7 @@ def command(
         text = f"{out}: {rows:,} {kind} of {dataset.id}/{split} by {method}. "
         if unused:
             text += f"Columns left out: {', '.join(name or '(unnamed)' for name in unused)}. "
-    text += f"Then: pliant check {out} --data {data}"
+    text += f"Then: {to_call('pliant', 'check', out, '--data', data)}"
     facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
     document = {**facts, "method": {"name": method}, "columns_left_out": unused}
     echo_result(document, text, as_json=as_json)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import time
 from collections.abc import Iterator
@@ -188,6 +189,13 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
+def to_call(*parts: object) -> str:
+    """Return a command in the form that a shell takes: paths with spaces in quotes."""
+    return shlex.join(map(str, parts))
+
+
 def plural(count: int, noun: str) -> str:
     """Return a count with its noun, such as `1 sequence` or `1,200 sequences`."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+    if count != 1:
+        noun = f"{noun.removesuffix('y')}ies" if noun.endswith("ry") else f"{noun}s"
+    return f"{count:,} {noun}"

@@ -12,7 +12,7 @@ import click
 from pliant.cli import export
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import data_option, json_option, out_option, path_option, set_option
-from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
+from pliant.cli.terminal import Bar, echo, echo_json, progress_bar, to_call
 
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset
@@ -161,7 +161,10 @@ def _train(
     show_figures(facts)
     echo(f"Report: {out / 'report.html'}")
     asked = data if dataset.splits_with_queries() else "DATA"
-    echo(f"Answer with it: pliant predict {out} --data {asked} --split test --out SUB.parquet")
+    call = to_call(
+        "pliant", "predict", out, "--data", asked, "--split", "test", "--out", "SUB.parquet"
+    )
+    echo(f"Answer with it: {call}")
 
 
 def _don_figures(facts: Mapping[str, Any]) -> None:

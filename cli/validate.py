@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import PATH, json_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.terminal import echo, echo_json, plural, progress_bar
 from pliant.spec.cores import cpu_cores
 
 
@@ -49,7 +49,7 @@ def command(
     for issue in report.issues:
         echo(str(issue))
     kind = "quick check" if quick else "full check"
-    scope = f"{report.sequences} sequences, {report.frames} frames, {kind}"
+    scope = f"{plural(report.sequences, 'sequence')}, {plural(report.frames, 'frame')}, {kind}"
     if report.total == 0:
         echo(f"{data}: valid ({scope}).")
     else:
@@ -57,5 +57,5 @@ def command(
             echo(f"… {len(report.issues)} of {report.total} problems listed.")
         totals = ", ".join(f"{code} {count}" for code, count in report.counts.items())
         state = "valid, with warnings" if report.valid else "NOT valid"
-        echo(f"{data}: {state} ({scope}): {report.total} problems: {totals}.")
+        echo(f"{data}: {state} ({scope}): {plural(report.total, 'problem')}: {totals}.")
     return 0 if report.valid else 1

@@ -28,7 +28,7 @@ class Target:
     Attributes:
         name: As `--to` takes it.
         title: What it is.
-        opened_by: What opens the result.
+        opened_by: What opens the result; {out} is its folder, {shell} the same in a shell.
         lost: What it cannot hold, beyond provenance and symmetries, which none can.
         packages: Import names of packages that writing it needs.
     """
@@ -46,32 +46,32 @@ TARGETS: Final = {
         Target(
             "rerun",
             "Rerun recordings",
-            "rerun OUT/*.rrd",
+            "rerun {shell}/*.rrd",
             (_SURFACE, _QUERIES, "depth beyond what is seen: infinite depth becomes 0"),
             ("rerun",),
         ),
         Target(
             "lerobot",
             "LeRobot dataset v3.0",
-            "LeRobotDataset(repo_id, root=OUT)",
+            'LeRobotDataset(repo_id, root="{out}")',
             (_SURFACE, _QUERIES, "cameras", "splits (all episodes are in one)"),
         ),
         Target(
             "coco",
             "COCO keypoints",
-            "pycocotools, annotation tools, `pliant import OUT/annotations.json`",
+            "pycocotools, annotation tools, `pliant import {shell}/annotations.json`",
             (_SURFACE, _QUERIES, _CAMERA, "positions in metres", "splits"),
         ),
         Target(
             "tapvid",
             "TAP-Vid npz files",
-            "numpy, TAP-Vid's evaluation, `pliant import OUT`",
+            "numpy, TAP-Vid's evaluation, `pliant import {shell}`",
             (_SURFACE, _QUERIES, _CAMERA, "positions in metres", "splits"),
         ),
         Target(
             "webdataset",
             "WebDataset tars",
-            'webdataset.WebDataset("OUT/train-{000000..000009}.tar")',
+            'webdataset.WebDataset("{out}/SPLIT-000000.tar")',
             (_QUERIES,),
         ),
         Target(

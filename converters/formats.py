@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,9 +69,10 @@ def read_source(path: Path, options: PictureOptions | None = None) -> Source:
     facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}
     notes = []
     if annotations.suggested:
+        folder = shlex.quote(str(annotations.path.parent))
         notes.append(
             f"{annotations.suggested} marks were left out: a method suggested them, and nobody "
-            f"confirmed them. Confirm them with: pliant annotate {annotations.path.parent}"
+            f"confirmed them. Confirm them with: pliant annotate {folder}"
         )
     return Source([clip], "rope", "pairs", facts, notes)
 

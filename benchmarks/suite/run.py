@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, get_args
@@ -129,7 +130,7 @@ def _validate(root: Path, workers: int) -> None:
             f"the generated dataset violates the specification {report.errors} times",
             path=root,
             found=str(report.issues[0]),
-            fix=f"List all violations with: pliant validate {root}",
+            fix=f"List all violations with: pliant validate {shlex.quote(str(root))}",
         )
 
 

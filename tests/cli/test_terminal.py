@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import re
 import time
+from pathlib import Path
 
 import pytest
 from rich import console
 
 from pliant.cli import terminal
-from pliant.cli.terminal import Bar, duration, progress_bar, rich_progress
+from pliant.cli.terminal import Bar, duration, plural, progress_bar, rich_progress, to_call
 
 
 def test_durations_for_people() -> None:
     assert [duration(s) for s in (3, 600, 36000)] == ["3.0 s", "10 min", "10.0 h"]
+
+
+def test_counts_for_people() -> None:
+    assert [plural(n, "frame") for n in (0, 1, 1200)] == ["0 frames", "1 frame", "1,200 frames"]
+    assert [plural(n, "query") for n in (1, 2)] == ["1 query", "2 queries"]
+
+
+def test_a_command_to_copy_has_its_paths_in_quotes() -> None:
+    assert to_call("pliant", "check", Path("a b.parquet")) == "pliant check 'a b.parquet'"
 
 
 @pytest.fixture

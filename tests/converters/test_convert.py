@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -187,16 +188,25 @@ def test_lerobot(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(TARGETS) == TARGET_NAMES
-    out = tmp_path / "out"
+    out = tmp_path / "my out"
     call = ["convert", "sample", "--to", "tapvid", "--split", "val", "--out", str(out)]
     assert run(call) == 0
     shown = capsys.readouterr()
     assert "cannot hold" in shown.err
-    assert "2 sequences" in shown.out
+    assert f"Wrote 2 sequences to {out}. Open with: numpy, " in shown.out
+    assert f"`pliant import '{out}'`" in shown.out
     assert run(call) == 2  # the folder has files
     assert "not empty" in capsys.readouterr().err
     assert run([*call[:-1], str(tmp_path / "b"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["sequences"] == 2
+
+
+def test_the_file_to_open_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["convert", "sample", "--to", "webdataset", "--split", "val", "--out", str(tmp_path)]
+    assert run(call) == 0
+    opened = re.search(r'WebDataset\("(.+)"\)', capsys.readouterr().out)
+    assert opened
+    assert Path(opened[1].replace("SPLIT", "val")).is_file()
 
 
 def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
