@@ -143,8 +143,8 @@ def load_in_memory(
     """Check and read answers that are arrays.
 
     Args:
-        answers: A table or a mapping with the columns of a submission, each one value per row, or
-            the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id` the rows
+        answers: A table, a data frame or a mapping with the columns of a submission, each one value
+            per row, or the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id` the rows
             are in the order of the queries.
         dataset: The dataset.
         split: The split that is answered.
@@ -194,10 +194,10 @@ def _with_keys(table: pa.Table, queries: Queries) -> pa.Table:
 
 
 def _table(answers: Given) -> pa.Table:
-    if isinstance(answers, pa.Table):
-        return answers
     columns: Any = answers
     if not isinstance(answers, Mapping):
+        if hasattr(answers, "columns"):  # an Arrow table, or a data frame of pandas or polars
+            return _arrow(answers)
         positions = np.asarray(answers)
         if positions.ndim != 2 or positions.shape[1] != 2:
             raise CallError(
@@ -214,8 +214,12 @@ def _table(answers: Given) -> pa.Table:
                 found="complex numbers",
                 fix="Give u and v as two real columns.",
             )
+    return _arrow(dict(columns))
+
+
+def _arrow(columns: Any) -> pa.Table:
     try:
-        return pa.table(dict(columns))
+        return pa.table(columns)
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise CallError("the answers are not columns of one length", found=str(error)) from error
 

@@ -35,6 +35,17 @@ def test_arrays_columns_and_tables_score_like_the_file(scene: Any, tmp_path: Pat
     assert figure(found, "rmse_px") > 4
 
 
+def test_a_data_frame_has_columns_by_name(scene: Any) -> None:
+    """Two columns of a data frame are not positions (u, v): their order does not count."""
+    pandas = pytest.importorskip("pandas")
+    u, v = scene.true_px.astype(np.float32).T
+    frame = pandas.DataFrame({"v": v, "u": u})
+    keyed = scene.table(scene.true_px).to_pandas().sample(frac=1, random_state=0)
+    for answers in (frame, keyed, keyed.set_index(["pair_id", "query_id"])):
+        scores = evaluate_answers(scene.root, scene.split, answers)
+        assert figure(scores, "rmse_px") == pytest.approx(0, abs=1e-4)
+
+
 def test_distributions_and_missing_answers_work_in_memory(scene: Any, tmp_path: Path) -> None:
     modes = [[{"u": u, "v": v, "sigma": 2.0, "weight": 1.0}] for u, v in scene.true_px.tolist()]
     table = scene.table(modes=modes)
