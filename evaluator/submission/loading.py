@@ -144,8 +144,8 @@ def load_in_memory(
 
     Args:
         answers: A table, a data frame or a mapping with the columns of a submission, each one value
-            per row, or the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id` the rows
-            are in the order of the queries.
+            per row, or the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id`
+            the rows are in the order of the queries.
         dataset: The dataset.
         split: The split that is answered.
         method: Name of the method.
