@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, model_validator
 
+from pliant.spec.configuration import Settings, settings_from
+from pliant.spec.constraints import Bounds, NotEmpty, OneOf, Refused
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import read_yaml
 
-Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+def _check_name(name: str) -> str:
+    if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,39}", name):
+        raise Refused("1 to 40 small letters, digits and hyphens, such as test-2027")
+    return name
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+Name = Annotated[str, AfterValidator(_check_name)]
+Count = Annotated[int, Bounds(1, 1_000_000)]
 
 
-class Phase(_Settings):
+class Phase(Settings):
     """One part of a challenge: a split, its protocols, its dates and its attempts.
 
     Attributes:
@@ -36,8 +42,8 @@ class Phase(_Settings):
     """
 
     name: Name
-    split: str
-    protocols: Annotated[tuple[str, ...], Field(min_length=1)] = ("standard",)
+    split: Annotated[str, OneOf(SPLITS)]
+    protocols: Annotated[tuple[str, ...], NotEmpty()] = ("standard",)
     opens: datetime | None = None
     closes: datetime | None = None
     attempts_per_day: Count = 5
@@ -47,12 +53,11 @@ class Phase(_Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Phase:
-        if self.split not in SPLITS:
-            raise ValueError(f"split must be one of {', '.join(SPLITS)}")
+        for name, moment in (("opens", self.opens), ("closes", self.closes)):
+            if moment and moment.tzinfo is None:
+                raise Refused("a time with its zone, such as 2027-03-01T00:00:00Z", name)
         if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase must open before it closes")
-        if any(moment and moment.tzinfo is None for moment in (self.opens, self.closes)):
-            raise ValueError("opens and closes need a time zone, such as 2027-03-01T00:00:00Z")
+            raise Refused("a time after opens", "closes")
         return self
 
     def status(self, time_ms: int) -> Literal["upcoming", "open", "closed"]:
@@ -63,7 +68,7 @@ class Phase(_Settings):
         return "closed" if self.closes and now >= self.closes else "open"
 
 
-class Scoring(_Settings):
+class Scoring(Settings):
     """What the process that scores a submission may use.
 
     Attributes:
@@ -74,14 +79,14 @@ class Scoring(_Settings):
         tries: How often a job is started before it fails.
     """
 
-    memory_gib: Annotated[float, Field(ge=0.5, le=1024)] = 4
-    cpu_s: Annotated[int, Field(ge=1, le=86_400)] = 600
-    wall_s: Annotated[float, Field(gt=0, le=86_400)] = 900
-    lease_s: Annotated[float, Field(ge=1, le=3600)] = 30
-    tries: Annotated[int, Field(ge=1, le=3)] = 3
+    memory_gib: Annotated[float, Bounds(0.5, 1024)] = 4
+    cpu_s: Annotated[int, Bounds(1, 86_400)] = 600
+    wall_s: Annotated[float, Bounds(0, 86_400, above=True)] = 900
+    lease_s: Annotated[float, Bounds(1, 3600)] = 30
+    tries: Annotated[int, Bounds(1, 3)] = 3
 
 
-class ChallengeSettings(_Settings):
+class ChallengeSettings(Settings):
     """A challenge.
 
     Attributes:
@@ -98,9 +103,9 @@ class ChallengeSettings(_Settings):
     title: str = ""
     rules: str = ""
     contact: str = ""
-    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
-    max_file_mb: Annotated[float, Field(gt=0, le=16_384)] = 200
-    submissions_per_minute: Annotated[int, Field(ge=1, le=1000)] = 10
+    phases: Annotated[tuple[Phase, ...], NotEmpty()]
+    max_file_mb: Annotated[float, Bounds(0, 16_384, "MB", above=True)] = 200
+    submissions_per_minute: Annotated[int, Bounds(1, 1000)] = 10
     scoring: Scoring = Scoring()
     authors: tuple[str, ...] = ()
 
@@ -108,7 +113,7 @@ class ChallengeSettings(_Settings):
     def _check(self) -> ChallengeSettings:
         names = [phase.name for phase in self.phases]
         if len(set(names)) < len(names):
-            raise ValueError("two phases have the same name")
+            raise Refused("phases with different names", "phases")
         return self
 
     @property
@@ -144,11 +149,4 @@ def read_challenge_settings(path: Path | None, splits: tuple[str, ...] = ()) -> 
         raise CallError("the file must be a mapping of settings", path=path)
     if splits and "phases" not in values:
         values = {**values, "phases": [{"name": split, "split": split} for split in splits]}
-    try:
-        return ChallengeSettings.model_validate(values)
-    except ValidationError as error:
-        problems = "; ".join(
-            f"{'.'.join(map(str, each['loc'])) or 'challenge'}: {each['msg']}"
-            for each in error.errors()
-        )
-        raise CallError("the challenge's settings are refused", path=path, found=problems) from None
+    return settings_from(ChallengeSettings, values, path=path)

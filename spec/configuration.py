@@ -39,6 +39,7 @@ _TYPES: Final = {
     "list": "a list",
     "dict": "a mapping of names to values",
     "model": "a mapping of settings",
+    "datetime": "a time, such as 2027-03-01T00:00:00Z",
     "none": "null",
 }
 """First word of a type error of pydantic -> what is required."""
@@ -251,7 +252,7 @@ def _problem(
         names = re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]]
         message, required = "unknown value", "one of " + ", ".join(names)
         fix = did_you_mean(value, names)
-    elif kind.rpartition("_")[0] in _TYPES or kind == "finite_number":
+    elif kind.rpartition("_")[0] in _TYPES or kind.startswith(("datetime_", "finite_")):
         message, required = "the value has the wrong type", _TYPES[kind.partition("_")[0]]
     dotted = ".".join(str(part) for part in (where, *place) if part != "")
     from_call = any(
