@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Final
 
@@ -16,8 +17,10 @@ from pliant.service.receipts import write_keys
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
 from pliant.service.versions import add_missing_versions
-from pliant.spec.errors import CallError
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.staging import staged
+from pliant.spec.storage import layout
 
 HOST_NAME: Final = "Host"
 
@@ -45,11 +48,13 @@ def create_challenge(
 
     Raises:
         CallError: The folder is not empty, a setting is refused, or the database is in use.
-        SpecError: The two halves do not belong together, or a split has no queries or truth.
+        SpecError: The two halves do not belong together, a split has no queries or truth, or
+            `data` contains the answers that `private` withholds.
     """
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise CallError("the folder exists already", path=root, fix="Name a new folder.")
     settings = read_challenge_settings(config, tuple(splits))
+    _check_withheld(data, private, {phase.split for phase in settings.phases})
     with staged(root) as place:
         os.chmod(place, 0o750)
         shutil.copytree(data, place / "public")
@@ -68,6 +73,19 @@ def create_challenge(
         finally:
             challenge.database.engine.dispose()
     return token
+
+
+def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None:
+    """Refuse a public half that would give participants the answers of a split."""
+    dataset = Dataset.open(data)
+    dataset.with_private(private)
+    for split in sorted(splits - set(dataset.held_out)):
+        if (private / layout.truth_name(split)).is_file():
+            raise SpecError(
+                f"this is not the public half: it contains the answers of split {split}",
+                path=data,
+                fix="Name the folder that `pliant publish --out` wrote.",
+            )
 
 
 def write_settings(root: Path, settings: ChallengeSettings) -> None:

@@ -9,7 +9,9 @@ from pliant.service.challenge import Challenge
 from pliant.service.creation import copy_private
 from pliant.service.models import Version
 from pliant.service.versions import add_version, newest_versions, protocol_text, rescore
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.staging import discard
 
 
 def rescore_challenge(
@@ -32,7 +34,7 @@ def rescore_challenge(
         The versions, and the number of submissions queued.
 
     Raises:
-        CallError: Neither a protocol nor answers are given.
+        CallError: Neither a protocol nor answers are given, or no reason.
         SpecError: The answers do not belong to the public half.
     """
     if protocol is None and private is None:
@@ -40,18 +42,26 @@ def rescore_challenge(
     rules = challenge.settings.phase(phase) if phase else challenge.settings.phases[0]
     truth = None
     if private is not None:
+        Dataset.open(challenge.public).with_private(private)
         truth = 1 + max(int(each.name) for each in challenge.private(1).parent.iterdir())
         copy_private(private, challenge.private(truth))
-    with challenge.database.write() as session:
-        if protocol is not None:
-            texts = [protocol_text(protocol)]
-        else:
-            texts = [
-                challenge.protocol_path(each.protocol_sha256).read_bytes()
-                for each in newest_versions(session, rules.name)
+    versions: list[Version] = []
+    try:
+        with challenge.database.write() as session:
+            if protocol is not None:
+                texts = [protocol_text(protocol)]
+            else:
+                texts = [
+                    challenge.protocol_path(each.protocol_sha256).read_bytes()
+                    for each in newest_versions(session, rules.name)
+                ]
+            found = [
+                add_version(session, challenge, rules, text, truth, reason, actor=HOST)
+                for text in texts
             ]
-        versions = [
-            add_version(session, challenge, rules, text, truth, reason, actor=HOST)
-            for text in texts
-        ]
-        return versions, rescore(session, versions, actor=HOST)
+            count = rescore(session, found, actor=HOST)
+        versions = found
+    finally:
+        if truth is not None and truth not in {each.truth for each in versions}:
+            discard(challenge.private(truth))  # refused, or the answers that there are already
+    return versions, count

@@ -65,8 +65,11 @@ def add_version(
         actor: Who asks for it.
 
     Raises:
+        CallError: The reason is empty.
         SpecError: The halves do not belong together, or have no queries or no truth of the split.
     """
+    if not reason.strip():
+        raise CallError("the reason is empty", fix="State why: the pages show it.")
     protocol = parse_protocol(text)
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():

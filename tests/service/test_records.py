@@ -26,7 +26,7 @@ from pliant.service.receipts import Signer, read_public_key, verify_receipt, wri
 from pliant.service.rescoring import rescore_challenge
 from pliant.service.settings import read_challenge_settings
 from pliant.service.site import write_challenge_site
-from pliant.spec.errors import CallError, SpecError
+from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.service.conftest import Halves, MakeTrial, Trial
 
 
@@ -150,6 +150,11 @@ def test_rescoring_adds_scores_and_changes_none(
     assert same_truth == 0
     with pytest.raises(CallError, match="nothing would change"):
         rescore_challenge(trial.challenge, None, None, None, "nothing")
+    with pytest.raises(CallError, match="the reason is empty"):
+        rescore_challenge(trial.challenge, None, None, service_halves.private, " ")
+    with pytest.raises(SpecError, match="public half"):
+        rescore_challenge(trial.challenge, None, None, service_halves.public, "wrong folder")
+    assert os.listdir(trial.challenge.root / "private") == ["1"]
     trial.send(b"later")
     trial.work()
     with trial.challenge.database.read() as session:
@@ -289,10 +294,13 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
     [
         ("phases: []", "phases"),
         ("colour: red", "colour"),
-        ("phases: [{name: a, split: nowhere}]", "split must be one of"),
-        ("phases: [{name: a, split: test}, {name: a, split: val}]", "same name"),
-        ("phases: [{name: a, split: test, opens: '2027-01-01T00:00:00'}]", "time zone"),
-        ("max_file_mb: -1", "max_file_mb"),
+        ("phases: [{name: a, split: nowhere}]", "phases.0.split.*nowhere.*one of train"),
+        ("phases: [{name: a, split: test}, {name: a, split: val}]", "different names"),
+        ("phases: [{name: a, split: test, opens: '2027-01-01T00:00:00'}]", "a time with its zone"),
+        ("phases: [{name: a, split: test, opens: 2027-01-01}]", "required: a time, such as"),
+        ("max_file_mb: -1", "above 0 to 16384 MB"),
+        ("phases: [{name: A b, split: test}]", "name.*small letters"),
+        ("phases: [{name: a, split: test, shwo: last}]", "Did you mean .show"),
     ],
 )
 def test_settings_name_what_is_wrong(tmp_path: Path, yaml: str, message: str) -> None:
@@ -302,12 +310,21 @@ def test_settings_name_what_is_wrong(tmp_path: Path, yaml: str, message: str) ->
         read_challenge_settings(path, ("test",))
 
 
-def test_what_create_and_open_refuse(tmp_path: Path, service_halves: Halves) -> None:
+def test_what_create_and_open_refuse(
+    tmp_path: Path, service_halves: Halves, tiny_dataset: Path
+) -> None:
     halves = service_halves
     with pytest.raises(CallError, match="not a challenge"):
         Challenge.open(tmp_path)
-    with pytest.raises(SpecError):
+    with pytest.raises(SpecError) as wrong:
         create_challenge(tmp_path / "a", halves.public, halves.public, ["test"])
+    assert str(halves.public) in str(wrong.value)
+    with pytest.raises(SpecError, match="contains the answers of split test"):
+        create_challenge(tmp_path / "a", tiny_dataset, halves.private, ["test"])
+    for data, private in ((tmp_path / "no", halves.private), (halves.public, tmp_path / "no")):
+        with pytest.raises(PliantError) as missing:
+            create_challenge(tmp_path / "a", data, private, ["test"])
+        assert str(tmp_path / "no") in str(missing.value)
     assert not (tmp_path / "a").exists()
     config = tmp_path / "c.yaml"
     config.write_text("phases: [{name: a, split: test, protocols: [none]}]")
