@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import http.client
 import json
+import re
 import time
 import urllib.error
 import urllib.request
@@ -28,7 +30,7 @@ class Client:
         token: The team's token.
 
     Raises:
-        CallError: The address is not a web address.
+        CallError: The address is not a web address, or the token is no token.
     """
 
     def __init__(self, address: str, token: str) -> None:
@@ -37,6 +39,12 @@ class Client:
             raise CallError("this is not a web address", found=address, required="http(s)://HOST")
         self._root = address.rstrip("/")
         self._token = token.strip()
+        if not re.fullmatch(r"[\w-]+", self._token, re.ASCII):
+            raise CallError(
+                "this is not a token",
+                required="letters, digits, _ and -, as the host sent it",
+                fix="Copy it again.",
+            )
 
     def page(self, view: dict[str, Any]) -> str:
         """Return the address of a submission's page."""
@@ -99,12 +107,12 @@ class Client:
         head = {"Authorization": f"Bearer {self._token}", **(headers or {})}
         request = urllib.request.Request(f"{self._root}/api/v1/{path}", body, head)
         try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:
+            with _OPENER.open(request, timeout=_TIMEOUT_S) as answer:
                 document: dict[str, Any] = json.load(answer)
                 return document
         except urllib.error.HTTPError as error:
             with error:
-                raise _refusal(error) from error
+                raise _refusal(error, self._root) from error
         except (OSError, ValueError) as error:
             raise _UnavailableError(
                 "the service does not answer",
@@ -116,6 +124,35 @@ class Client:
 
 class _UnavailableError(CallError):
     """The service cannot be reached now."""
+
+
+class _HearsRefusals(http.client.HTTPConnection):
+    """Reads the answer of a service that refuses a file before all of it is sent."""
+
+    def send(self, data: Any) -> None:
+        """Send data, unless the other end has closed the connection."""
+        try:
+            super().send(data)
+        except (BrokenPipeError, ConnectionResetError):
+            if self.sock is None:  # it was never open
+                raise
+
+
+class _HearsRefusalsTls(_HearsRefusals, http.client.HTTPSConnection):
+    """The same by TLS."""
+
+
+class _Http(urllib.request.HTTPHandler):
+    def http_open(self, req: urllib.request.Request) -> Any:
+        return self.do_open(_HearsRefusals, req)
+
+
+class _Https(urllib.request.HTTPSHandler):
+    def https_open(self, req: urllib.request.Request) -> Any:
+        return self.do_open(_HearsRefusalsTls, req)
+
+
+_OPENER: Final = urllib.request.build_opener(_Http, _Https)
 
 
 class _Watched:
@@ -131,11 +168,16 @@ class _Watched:
         return data
 
 
-def _refusal(error: urllib.error.HTTPError) -> CallError:
+def _refusal(error: urllib.error.HTTPError, address: str) -> CallError:
+    kind = _UnavailableError if error.code in (502, 503, 504) else CallError
     try:
         found = json.load(error)
         message, code = str(found["message"]), str(found["code"])
-    except (ValueError, KeyError, TypeError):
-        message, code = f"the service answered with status {error.code}", "UNKNOWN"
-    kind = _UnavailableError if error.code == 503 else CallError
+    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException):
+        return kind(
+            "this is not the answer of an evaluation service",
+            path=address,
+            found=f"status {error.code}",
+            fix="Check the address: it is the one of the leaderboard's page.",
+        )
     return kind(f"{message} ({code})")
