@@ -99,6 +99,32 @@ def check_allowed(
     return time_ms
 
 
+def may_be_known(session: Session, phase: Phase, who: Identity, size: int | None) -> bool:
+    """Return whether a team has sent a file of a size (bytes) before, perhaps the same one."""
+    same_size = select(Submission.id).where(
+        Submission.team_id == who.team_id,
+        Submission.phase == phase.name,
+        Submission.file_bytes == size,
+    )
+    return session.scalar(same_size.limit(1)) is not None
+
+
+def sent_before(session: Session, phase: Phase, who: Identity, upload: Upload) -> Submission | None:
+    """Return the submission that a team made of the same file."""
+    return session.scalar(
+        select(Submission)
+        .where(
+            Submission.team_id == who.team_id,
+            Submission.phase == phase.name,
+            Submission.file_sha256 == upload.sha256,
+            Submission.check_only == upload.check_only,
+            Submission.state != State.FAILED,
+            Submission.withdrawn_ms.is_(None),
+        )
+        .order_by(Submission.id.desc())
+    )
+
+
 def accept(
     session: Session, challenge: Challenge, phase: Phase, who: Identity, upload: Upload
 ) -> tuple[Submission, bool]:
@@ -113,18 +139,7 @@ def accept(
     Raises:
         NotAcceptedError: As `check_allowed`.
     """
-    earlier = session.scalar(
-        select(Submission)
-        .where(
-            Submission.team_id == who.team_id,
-            Submission.phase == phase.name,
-            Submission.file_sha256 == upload.sha256,
-            Submission.check_only == upload.check_only,
-            Submission.state != State.FAILED,
-            Submission.withdrawn_ms.is_(None),
-        )
-        .order_by(Submission.id.desc())
-    )
+    earlier = sent_before(session, phase, who, upload)
     if earlier is not None:
         return earlier, False
     time_ms = check_allowed(session, challenge.settings, phase, who, check_only=upload.check_only)

@@ -151,11 +151,12 @@ def get_leaderboard(
     site: TheSite,
     phase: str | None = None,
     version: MaybeNumber = None,
-    show: Show = "best",
+    show: Show | None = None,
 ) -> BoardView:
-    """Return the leaderboard of a phase."""
+    """Return the leaderboard of a phase; without `show` as the phase's rules say."""
     with site.database.read() as session:
         found = version_of(session, site, phase, version)
+        show = show or site.challenge.settings.phase(found.phase).show
         return board_view(cached_board(session, site, found, show), found, show)
 
 
@@ -164,11 +165,12 @@ def get_leaderboard_csv(
     site: TheSite,
     phase: str | None = None,
     version: MaybeNumber = None,
-    show: Show = "best",
+    show: Show | None = None,
 ) -> PlainTextResponse:
     """Return the leaderboard of a phase as CSV."""
     with site.database.read() as session:
         found = version_of(session, site, phase, version)
+        show = show or site.challenge.settings.phase(found.phase).show
         text = board_csv(cached_board(session, site, found, show), found)
     return PlainTextResponse(text, media_type="text/csv")
 
@@ -199,6 +201,7 @@ async def post_submission(
         who,
         phase_of(site, phase),
         request.stream(),
+        size=int(request.headers.get("content-length", 0)) or None,
         name=file_name,
         check_only=check_only,
     )

@@ -14,6 +14,7 @@ from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, TimeoutError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from pliant.service.challenge import Challenge
@@ -85,8 +86,8 @@ def _add_operations(app: FastAPI, site: Site) -> None:
 
 
 def _add_errors(app: FastAPI, site: Site) -> None:
-    def answer(request: Request, status: int, code: str, message: str) -> Response:
-        headers = {"Retry-After": _RETRY_AFTER_S} if status in (429, 503) else {}
+    def answer(request: Request, status: int, code: str, message: str, **headers: str) -> Response:
+        headers |= {"Retry-After": _RETRY_AFTER_S} if status in (429, 503) else {}
         if status == 401:
             headers["WWW-Authenticate"] = "Bearer"
         headers |= site.headers if status == 500 else {}
@@ -114,7 +115,16 @@ def _add_errors(app: FastAPI, site: Site) -> None:
 
     @app.exception_handler(HTTPException)
     def http(request: Request, error: HTTPException) -> Response:
-        return answer(request, error.status_code, "NOT_POSSIBLE", str(error.detail))
+        if error.status_code == 404:
+            return answer(request, 404, "NOT_FOUND", "no such page")
+        allowed = dict(error.headers or {})
+        text = f"this request is not possible: {error.detail}"
+        return answer(request, error.status_code, "NOT_POSSIBLE", text, **allowed)
+
+    @app.exception_handler(ClientDisconnect)
+    def gone(request: Request, error: ClientDisconnect) -> Response:
+        del error  # nobody receives the answer, but the log has its status
+        return answer(request, 400, "FILE_INCOMPLETE", "the connection ended before the file did")
 
     @app.exception_handler(DBAPIError)
     @app.exception_handler(TimeoutError)

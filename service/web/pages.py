@@ -96,7 +96,7 @@ def team(
 
 
 @router.get("/rules")
-def rules(site: TheSite, who: Visitor) -> HTMLResponse:
+def rules(request: Request, site: TheSite, who: Visitor) -> HTMLResponse:
     """Show the rules, the API and the key."""
     with site.database.read() as session:
         time_ms = log_time(session)
@@ -106,7 +106,8 @@ def rules(site: TheSite, who: Visitor) -> HTMLResponse:
         key = site.challenge.public_key.read_text()
         own = site.rules_html
         values = {"time_ms": time_ms, "versions": versions, "key": key, "rules_html": own}
-        return page(site, "rules.html.j2", who, base_url=site.base_url or "http://HOST", **values)
+        address = site.base_url or str(request.base_url).rstrip("/")
+        return page(site, "rules.html.j2", who, base_url=address, **values)
 
 
 @router.get("/data")
@@ -152,7 +153,8 @@ def submit_form(site: TheSite, who: Visitor) -> HTMLResponse:
             (phase, phase.status(time_ms), attempts(session, who.team_id, phase, time_ms))
             for phase in site.challenge.settings.phases
         ]
-    return page(site, "submit.html.j2", who, phases=phases)
+        chosen = phase_of(site, None).name
+    return page(site, "submit.html.j2", who, phases=phases, chosen=chosen)
 
 
 @router.post("/submit")
@@ -168,6 +170,7 @@ async def submit(request: Request, site: TheSite, who: Member) -> RedirectRespon
             who,
             phase_of(site, str(form.get("phase", ""))),
             _chunks(file),
+            size=file.size,
             name=file.filename,
             check_only=form.get("check_only") == "yes",
         )

@@ -12,7 +12,14 @@ from typing import Final
 from anyio import to_thread
 
 from pliant.service.settings import Phase
-from pliant.service.submissions import NotAcceptedError, Upload, accept, check_allowed
+from pliant.service.submissions import (
+    NotAcceptedError,
+    Upload,
+    accept,
+    check_allowed,
+    may_be_known,
+    sent_before,
+)
 from pliant.service.teams import Identity
 from pliant.service.web.security import too_large
 from pliant.service.web.state import Site
@@ -28,10 +35,20 @@ async def receive_file(
     phase: Phase,
     chunks: AsyncIterator[bytes],
     *,
+    size: int | None,
     name: str,
     check_only: bool,
 ) -> tuple[SubmissionView, bool]:
     """Store a file and accept it as a submission.
+
+    Args:
+        site: What all requests share.
+        who: The team.
+        phase: The phase.
+        chunks: The file's content.
+        size: The file's size in bytes as the request declares it, None where it does not.
+        name: The file's name on the participant's machine.
+        check_only: Whether it is only checked.
 
     Returns:
         The submission, and whether it is new.
@@ -40,7 +57,7 @@ async def receive_file(
         NotAcceptedError: The rules do not allow it, or it is too large or empty.
     """
     settings = site.challenge.settings
-    await to_thread.run_sync(_allowed, site, who, phase, check_only)
+    refusal = await to_thread.run_sync(_refusal, site, who, phase, size, check_only)
     site.challenge.incoming.mkdir(exist_ok=True)
     partial = site.challenge.incoming / f"{os.getpid()}-{os.urandom(8).hex()}.parquet"
     digest, count = hashlib.sha256(), 0
@@ -55,7 +72,7 @@ async def receive_file(
         if count == 0:
             raise NotAcceptedError("FILE_EMPTY", 400, "the request contains no file")
         upload = Upload(digest.hexdigest(), _plain_name(name), count, check_only)
-        return await to_thread.run_sync(_accept, site, who, phase, partial, upload)
+        return await to_thread.run_sync(_accept, site, who, phase, partial, upload, refusal)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -67,15 +84,38 @@ def remove_abandoned(incoming: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _allowed(site: Site, who: Identity, phase: Phase, check_only: bool) -> None:
-    """Refuse before the transfer what would be refused after it."""
+def _refusal(
+    site: Site, who: Identity, phase: Phase, size: int | None, check_only: bool
+) -> NotAcceptedError | None:
+    """Refuse before the transfer what would be refused after it.
+
+    Returns:
+        Why the file is refused unless it was sent before; None: it is accepted as it is.
+    """
     with site.database.read() as session:
-        check_allowed(session, site.challenge.settings, phase, who, check_only=check_only)
+        try:
+            check_allowed(session, site.challenge.settings, phase, who, check_only=check_only)
+        except NotAcceptedError as error:
+            if error.code == "TOO_MANY_REQUESTS" or not may_be_known(session, phase, who, size):
+                raise
+            return error
+    return None
 
 
 def _accept(
-    site: Site, who: Identity, phase: Phase, file: Path, upload: Upload
+    site: Site,
+    who: Identity,
+    phase: Phase,
+    file: Path,
+    upload: Upload,
+    refusal: NotAcceptedError | None,
 ) -> tuple[SubmissionView, bool]:
+    if refusal is not None:
+        with site.database.read() as session:
+            earlier = sent_before(session, phase, who, upload)
+            if earlier is None:
+                raise refusal
+            return submission_view(session, earlier, who), False
     site.challenge.store.put(file, upload.sha256)
     with site.database.write() as session:
         submission, new = accept(session, site.challenge, phase, who, upload)

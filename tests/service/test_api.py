@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import csv
 import errno
 import io
 import json
 import os
+import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -204,6 +206,61 @@ def test_upload_by_form(make_trial: MakeTrial) -> None:
         assert not list(trial.challenge.incoming.glob("*.parquet"))
 
 
+TWO_PHASES = """
+phases:
+- {name: first, split: test, attempts_total: 1, show: last}
+- {name: second, split: test}
+"""
+
+
+def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial) -> None:
+    trial = make_trial(TWO_PHASES)
+    with client_of(trial) as client:
+        first = submit(client, trial.tokens[0], b"last")
+        assert first.status_code == 201
+        assert submit(client, trial.tokens[0], b"next").json()["code"] == "QUOTA_EXCEEDED"
+        assert submit(client, trial.tokens[0], b"longer").json()["code"] == "QUOTA_EXCEEDED"
+        again = submit(client, trial.tokens[0], b"last")
+        assert (again.status_code, again.json()["id"]) == (200, first.json()["id"])
+        ada = SignedIn(client, trial.tokens[0])
+        form = ada.post("/submit", file=b"last", phase="first")
+        assert (form.status_code, form.headers["location"]) == (303, "/submissions/1")
+        stored = [path for path in (trial.challenge.root / "submissions").rglob("*.parquet")]
+        assert len(stored) == 1
+
+
+def test_what_opens_first(make_trial: MakeTrial) -> None:
+    trial = make_trial(TWO_PHASES)
+    with client_of(trial) as client:
+        assert client.get(f"{API}/leaderboard").json()["show"] == "last"
+        assert client.get(f"{API}/leaderboard?phase=second").json()["show"] == "best"
+        for token in (trial.tokens[0], trial.host):
+            page = SignedIn(client, token).get("/submit").text
+            chosen = re.findall(r'value="(\w+)" checked', page)
+            assert chosen == ["first"]
+        assert "--to http://testserver --token" in client.get("/rules").text
+
+
+def test_a_client_that_goes_away(plain: Trial) -> None:
+    """The transfer ends early: no fault of the service, so no traceback in its log."""
+    sent: list[dict[str, Any]] = []
+    given = iter([{"type": "http.request", "body": b"half", "more_body": True}])
+
+    async def receive() -> dict[str, Any]:
+        return next(given, {"type": "http.disconnect"})
+
+    async def send(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    scope = {
+        "type": "http", "method": "POST", "path": f"{API}/submissions", "query_string": b"",
+        "headers": [(b"authorization", f"Bearer {plain.tokens[0]}".encode())],
+    }  # fmt: skip
+    asyncio.run(make_app(plain.challenge)(scope, receive, send))  # type: ignore[arg-type]
+    assert sent[0]["status"] == 400
+    assert not list(plain.challenge.incoming.iterdir())
+
+
 def test_parallel_requests_over_http(trial: Trial, client: TestClient) -> None:
     with ThreadPoolExecutor(10) as pool:
         answers = list(
@@ -229,7 +286,11 @@ def test_headers_and_operations(plain_client: TestClient) -> None:
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert page.headers["x-content-type-options"] == "nosniff"
     assert plain_client.get("/healthz").text == "ok"
+    missing = plain_client.get(f"{API}/nope")
+    assert (missing.status_code, missing.json()["code"]) == (404, "NOT_FOUND")
     assert plain_client.get("/no/such/page").status_code == 404
+    wrong = plain_client.put(f"{API}/submissions")
+    assert (wrong.status_code, wrong.headers["allow"]) == (405, "POST")
 
 
 def test_a_full_disk_charges_nothing(
