@@ -184,4 +184,5 @@ def post_rescore(
             session, site.challenge, rules, protocol_text(protocol), None, reason, actor=who.actor
         )
         count = rescore(session, [version], actor=who.actor)
-    return _admin_page(site, who, note=f"{count} submissions wait to be scored by {protocol}.")
+    waiting = "1 submission waits" if count == 1 else f"{count} submissions wait"
+    return _admin_page(site, who, note=f"{waiting} to be scored by {protocol}.")
