@@ -230,13 +230,17 @@ def grid_points(
     mask = view.mask
     if mask is None and isinstance(matcher, MaskFinder):
         mask = matcher.object_mask(view)
-    if mask is None:
+    if mask is None or not mask.any():
         mask = np.ones((height, width), np.bool_)
     step = max(1.0, float(np.sqrt(np.count_nonzero(mask) / count)))
-    rows, columns = (np.arange(step / 2, side, step) for side in (height, width))
-    places = [(u, v) for v in rows for u in columns if mask[int(v), int(u)]]
+    places: list[tuple[float, float]] = []
+    while not places:  # a wide grid may miss a thin object
+        rows, columns = (np.arange(step / 2, side, step) for side in (height, width))
+        places = [(float(u), float(v)) for v in rows for u in columns if mask[int(v), int(u)]]
+        step = max(1.0, step / 2)
+    places = places[:: max(1, len(places) // count)]
     scale = (size[0] / width, size[1] / height)
-    return [(float(u * scale[0]), float(v * scale[1])) for u, v in places]
+    return [(u * scale[0], v * scale[1]) for u, v in places]
 
 
 def _check_queries(

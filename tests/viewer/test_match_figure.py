@@ -217,6 +217,18 @@ def test_grid_points_cover_the_object() -> None:
     }
 
 
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_grid_has_points_on_thin_objects(count: int) -> None:
+    rgb = np.zeros((20, 800, 3), np.uint8)
+    assert 1 <= len(grid_points(Identity(), Frame(rgb), count, (800, 20))) <= 2 * count
+    line = np.zeros((20, 800), np.bool_)
+    line[7, 100:300] = True
+    points = grid_points(Identity(), Frame(rgb, line), count, (800, 20))
+    assert 1 <= len(points) <= 2 * count
+    assert all(int(v) == 7 and 100 <= u < 300 for u, v in points)
+    assert grid_points(Identity(), Frame(rgb, np.zeros_like(line)), count, (800, 20))
+
+
 @pytest.mark.parametrize("given", ["whole", "both"])
 def test_a_ball_in_a_given_mask_is_separated(
     given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
