@@ -165,6 +165,15 @@ class ClothOutline:
             uv_b_px[finite] = moved[finite].clip(0, target.rgb.shape[1::-1])
         return Answers(uv_b_px)
 
+    def remarks(self, source: Frame, target: Frame) -> list[str]:
+        """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
+        return [
+            f"The {name} has no mask with four corners, so {self.name} answers with the middle of "
+            "the target: give a mask of the cloth."
+            for name, view in (("source", source), ("target", target))
+            if self._of(view) is None
+        ]
+
     def _of(self, view: Frame) -> FloatArray | None:
         mask = view.mask
         if mask is None:

@@ -54,6 +54,14 @@ class RopeTracer:
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
+        unread = [
+            f"The {name} has no mask that shows a rope, so {self.name} answers with the middle of "
+            "the target: give a mask of the rope."
+            for name, view in (("source", source), ("target", target))
+            if not self._of(view)[1]
+        ]
+        if unread:
+            return unread
         shapes = [
             None if view.mask is None else MaskShape.of(view.mask, view.objects)
             for view in (source, target)

@@ -88,8 +88,12 @@ def test_masks_without_four_corners_are_answered_by_the_middle() -> None:
     speck = np.zeros((40, 50), dtype=np.bool_)
     speck[3, 7:9] = True
     for mask, middle in ((None, [25, 20]), (speck & False, [25, 20]), (speck, [8, 3.5])):
-        answers = ClothOutline().answer(Pair(full, Frame(rgb, mask=mask), query))
+        unread = Frame(rgb, mask=mask)
+        answers = ClothOutline().answer(Pair(full, unread, query))
         assert answers.uv_px.tolist() == [middle]
+        (remark,) = ClothOutline().remarks(full, unread)
+        assert remark.startswith("The target has no mask with four corners, so cloth-tps answers")
+    assert ClothOutline().remarks(full, full) == []
 
 
 @pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])

@@ -51,4 +51,6 @@ def test_a_user_is_told_what_is_wrong_with_masks() -> None:
     assert "mask of the target shows more than one rope (parts: 2, loose ends: 3)" in one
     (other,) = tracer.remarks(Frame(rgb, objects, objects=objects), right)
     assert "mask of the source contains a ball" in other
-    assert tracer.remarks(Frame(rgb), Frame(rgb)) == []
+    for unread in (Frame(rgb), Frame(rgb, np.zeros_like(mask))):
+        (unanswered,) = tracer.remarks(right, unread)
+        assert unanswered.startswith("The target has no mask that shows a rope, so rope-tracer")
