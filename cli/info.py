@@ -137,7 +137,7 @@ def _print(document: dict[str, Any]) -> None:
         width = max(map(len, name.splitlines()))
         table.add_column(name, justify="right" if name == "frames" else "left", min_width=width)
     for tier in document["tiers"]:
-        episodes = f"\n({tier['episodes']} episodes)" if tier["episodes"] else ""
+        episodes = f"\n({plural(tier['episodes'], 'episode')})" if tier["episodes"] else ""
         table.add_row(
             tier["name"],
             _counts(tier["sequences"]) + episodes,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+
+import numpy as np
 
 from pliant.spec.errors import CallError
 
@@ -64,4 +67,43 @@ def check_whole(where: str, value: object, least: int = 0, most: int | None = No
         where=where,
         found=f"{value!r:.80}",
         required=required,
+    )
+
+
+def check_numbers(
+    where: str,
+    value: object,
+    required: str,
+    *,
+    count: int | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    strict: bool = False,
+) -> None:
+    """Refuse an argument that is not a finite number, or a list of them, within bounds.
+
+    Args:
+        where: Name of the argument.
+        value: The argument.
+        required: What it must be, in words.
+        count: How many numbers; None for one alone.
+        low: Smallest value.
+        high: Largest value.
+        strict: The bounds themselves are refused.
+
+    Raises:
+        CallError: It is not.
+    """
+    try:
+        numbers = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        numbers = np.array(math.nan)
+    within = (low < numbers) & (numbers < high) if strict else (low <= numbers) & (numbers <= high)
+    if (
+        numbers.shape == (() if count is None else (count,))
+        and (within & np.isfinite(numbers)).all()
+    ):
+        return
+    raise CallError(
+        "the argument is not possible", where=where, found=f"{value!r:.80}", required=required
     )

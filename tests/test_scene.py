@@ -145,3 +145,48 @@ def test_moving_the_camera_changes_the_picture_and_not_the_points() -> None:
     assert (above.rgb != beside.rgb).any()
     again = film.shoot(above.camera)
     assert (again.rgb == above.rgb).all()
+
+
+@pytest.fixture(scope="module")
+def bodies() -> tuple[scene.Rope, scene.Cloth]:
+    return scene.Rope(LINE), scene.Cloth(settings={"points_a_side": 33})
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda rope, _: rope.pull(1.01, to=(0, 0, 0.1)), "s: .*found 1.01; required: 0 to 1"),
+        (
+            lambda rope, _: rope.pull(1.0, to=(0, 0)),
+            r"to: .*found \(0, 0\); required: \(x, y, z\), metres",
+        ),
+        (lambda rope, _: rope.pull(1.0, to=(0, 0, 0.1), speed_m_s=0), "speed_m_s: .*found 0"),
+        (lambda _, cloth: cloth.pull((0, -1), carry=(0.1, 0)), r"uv: .*found \(0, -1\)"),
+        (lambda _, cloth: cloth.pull((0, 0), carry=(np.nan, 0)), "carry: .*found .*nan"),
+        (lambda _, cloth: cloth.pull((0, 0), carry=(0.1, 0), lift_m=-0.1), "lift_m: .*found -0.1"),
+        (lambda _, cloth: cloth.drape(lambda u, v: (u, v)), "shape: .*found 2 arrays"),
+        (lambda _, cloth: cloth.drape(lambda u, v: (u, v, np.nan)), "shape: .*all finite: False"),
+        (lambda _, cloth: cloth.settle(-1.0), "seconds: .*found -1.0"),
+        (lambda *_: scene.camera((0, 0, 0)), "target: the camera is where it looks"),
+        (lambda *_: scene.camera("abc"), "eye: .*found 'abc'"),
+        (lambda *_: scene.camera((0, 0, 1), size=(64, 0)), "size: .*found 0; required: >= 1"),
+        (lambda *_: scene.camera((0, 0, 1), size=64), "size: .*found 64; .*width, height"),
+        (lambda *_: scene.camera((0, 0, 1), fov_deg=180), "fov_deg: .*found 180"),
+        (
+            lambda rope, _: scene.Film(rope, split="dev"),
+            "split: .*found dev; required: train, val, test",
+        ),
+    ],
+)
+def test_an_impossible_argument_is_named(
+    call: Any, says: str, bodies: tuple[scene.Rope, scene.Cloth]
+) -> None:
+    with pytest.raises(CallError, match=says):
+        call(*bodies)
+
+
+def test_one_picture_is_a_dataset_and_no_episode(tmp_path: Path) -> None:
+    film = scene.Film(scene.Rope(LINE), scene.camera((0, 0, 1), size=SIZE))
+    film.shoot()
+    assert not pliant.load(film.write(tmp_path / "one"))[0].temporal
+    assert pliant.validate(tmp_path / "one").total == 0

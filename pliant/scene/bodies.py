@@ -27,6 +27,7 @@ from pliant.generator.scene.scene_object import Pose
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.settings.rope import RopeSettings, least_substeps
 from pliant.spec.arrays import FloatArray
+from pliant.spec.calls import check_numbers
 from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.errors import CallError, GenerationError
 
@@ -115,7 +116,10 @@ class Rope:
             speed_m_s: Speed of the hand; a hand that is too fast lags behind.
             each: Called after every frame of time (30 a second).
         """
-        held = round(min(max(s, 0.0), 1.0) * (self._state.particles - 1))
+        check_numbers("s", s, "0 to 1 along the rope", low=0, high=1)
+        check_numbers("to", to, "(x, y, z), metres", count=3)
+        check_numbers("speed_m_s", speed_m_s, "more than 0 m/s", low=0, strict=True)
+        held = round(s * (self._state.particles - 1))
         start, goal = self._state.now[held].copy(), np.asarray(to, np.float64)
         way = float(np.linalg.norm(goal - start))
         frames = max(1, int(np.ceil(way / speed_m_s * self.settings.frame_rate_hz)))
@@ -211,9 +215,12 @@ class Cloth:
             lift_m: How high on the way.
             each: Called after every frame of time (30 a second).
         """
+        check_numbers("uv", uv, "a material point, 0 to 1 each", count=2, low=0, high=1)
+        check_numbers("carry", carry, "(x, y), metres", count=2)
+        check_numbers("lift_m", lift_m, "0 m or more", low=0)
         grid = self.settings.grid
         column, row = (
-            round(min(max(share, 0.0), 1.0) * (count - 1))
+            round(share * (count - 1))
             for share, count in zip(uv, (grid.columns, grid.rows), strict=True)
         )
         speed = self.settings.hand_speed_m_s
@@ -230,15 +237,27 @@ class Cloth:
 
         Args:
             shape: Returns (x, y, z) in metres, three arrays like the u and v that it is given.
+
+        Raises:
+            CallError: It does not.
         """
         u, v = (self._handling.simulator.rest[:, :2] / self._handling.lengths_m).T
-        self._handling.simulator.place(np.stack(np.broadcast_arrays(*shape(u, v)), axis=1))
+        places = np.stack(np.broadcast_arrays(*shape(u, v)), axis=1)
+        if places.shape[1] != 3 or not np.isfinite(places).all():
+            raise CallError(
+                "the function does not say where the points are",
+                where="shape",
+                found=f"{places.shape[1]} arrays, all finite: {np.isfinite(places).all()}",
+                required="finite x, y, z in metres",
+            )
+        self._handling.simulator.place(places)
 
     def settle(self, seconds: float | None = None, *, each: Each | None = None) -> None:
         """Let it fall, for some time or (None) until it is calm; `each` is called at 30 Hz."""
         if seconds is None:
             self._handling.calm()
             return
+        check_numbers("seconds", seconds, "0 s or more, or None until it is calm", low=0)
         simulator = self._handling.simulator
         for _ in range(max(1, round(seconds * FRAMES_PER_S))):
             simulator.run(simulator.sheet.steps_per_frame)
@@ -285,7 +304,9 @@ def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if not np.isfinite(points).all() or not (steps > 0).all():
         raise CallError(
-            "points of a curve are finite, and no two in a row are equal", where="curve"
+            "points of a curve are finite, and no two in a row are equal",
+            where="curve",
+            found=f"{curve!r:.80}",
         )
     at = np.concatenate([[0.0], np.cumsum(steps)])
     dense = np.linspace(0.0, at[-1], max(401, 20 * len(points)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +23,13 @@ from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings.scene import AppearanceSettings, CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.scene.bodies import Body
+from pliant.spec.calls import check_numbers, check_whole
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import Surface
+
+SPLITS: Final = ("train", "val", "test")
 
 
 def camera(
@@ -44,10 +47,23 @@ def camera(
         size: (width, height), pixels.
         fov_deg: Horizontal field of view, degrees.
 
+    Raises:
+        CallError: An argument is not possible.
+
     Examples:
         >>> pliant.scene.camera((0.0, -0.6, 1.1), size=(320, 240)).size
         (320, 240)
     """
+    for name, place in (("eye", eye), ("target", target)):
+        check_numbers(name, place, "(x, y, z), metres", count=3)
+    if tuple(eye) == tuple(target):
+        raise CallError(
+            "the camera is where it looks", where="target", found=target, required="not eye"
+        )
+    check_numbers("size", size, "(width, height), pixels", count=2)
+    for side in size:
+        check_whole("size", side, least=1)
+    check_numbers("fov_deg", fov_deg, "between 0 and 180 degrees", low=0, high=180, strict=True)
     straight = abs(eye[0] - target[0]) + abs(eye[1] - target[1]) < 1e-6 * abs(eye[2] - target[2])
     up = (0.0, 1.0, 0.0) if straight else (0.0, 0.0, 1.0)
     return looking_at(eye, target, size, fov_deg=fov_deg, up=up)
@@ -112,7 +128,7 @@ class Film:
         look: Colours, table and light; default: drawn with the seed.
         seed: Of the default camera and look.
         split: Split of the sequence in a dataset; `val` and `test` get queries.
-        episode: Whether the shots follow one another in time.
+        episode: Whether the shots, two or more, follow one another in time.
 
     Examples:
         >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)])
@@ -134,6 +150,8 @@ class Film:
         split: str = "train",
         episode: bool = True,
     ) -> None:
+        if split not in SPLITS:
+            raise CallError("unknown split", where="split", found=split, required=", ".join(SPLITS))
         self.body, self.style, self.split, self.episode = body, style, split, episode
         self.shots: list[Shot] = []
         self.scene_object = SceneObject(
@@ -158,6 +176,11 @@ class Film:
         self.look = look or sample_appearance(rng, self.scene_object, AppearanceSettings())
         self._renderer = open_renderer(style, self.view.size)
         self._seen_by: Camera | None = None
+
+    @property
+    def temporal(self) -> bool:
+        """Whether its pictures follow one another in time, which one alone does not."""
+        return self.episode and len(self.shots) > 1
 
     def shoot(self, view: Camera | None = None) -> Shot:
         """Take a picture of the body as it is now, and keep it.
@@ -225,12 +248,12 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
                 raise CallError(
                     f"films of one dataset have one {name}", found=mine, required=theirs
                 )
-    splits = {name: sum(film.split == name for film in films) for name in ("train", "val", "test")}
+    splits = {name: sum(film.split == name for film in films) for name in SPLITS}
     values = {
         "tiers": [first.body.tier],
         "splits": {name: count for name, count in splits.items() if count},
         "frames": len(first.shots),
-        "episodes": first.episode,
+        "episodes": first.temporal,
         "width": first.view.size[0],
         "height": first.view.size[1],
         "style": first.style,
@@ -259,7 +282,7 @@ def _write_sequence(film: Film, config: GenerateConfig, task: SequenceTask, out:
         "shape": None,
         "index": task.index,
         "seed": 0,
-        "temporal": film.episode,
+        "temporal": film.temporal,
         "frames": len(film.shots),
         "style": film.style,
         "noise": None,
