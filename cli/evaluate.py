@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 @click.option(
     "--hide-truth",
     is_flag=True,
-    help="Cap every error at the image diagonal, for results shown to participants "
-    "(see: pliant leaderboard --hide-truth).",
+    help="Cap every error at the image diagonal, and print what participants may see: rounded "
+    "headline figures. REPORT is for the host (see: pliant leaderboard --hide-truth).",
 )
 @click.option(
     "--workers",
@@ -68,6 +68,7 @@ def command(
     wrong in it is refused with every reason, exit code 1.
     """
     from pliant.evaluator import evaluate, write_report
+    from pliant.evaluator.hidden_truth import public_scores
     from pliant.spec.errors import SubmissionError
     from pliant.spec.limits import Limits
 
@@ -95,6 +96,8 @@ def command(
             raise
         if out is not None:
             write_report(scores, out, data=data)
+    if hide_truth:
+        scores = public_scores(scores)
     for hint in scores.hints:
         echo(f"Warning: {hint}", err=True)
     if as_json:

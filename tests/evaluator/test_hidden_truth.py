@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pliant.cli.main import run
 from pliant.evaluator import evaluate
 from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.scores import Scores
+from pliant.evaluator.scores import Scores, read_scores
 from pliant.spec.errors import CallError
 
 CENTRE = np.array([80.0, 60.0])
@@ -81,6 +84,20 @@ def test_participants_see_rounded_headline_metrics_only(scene: Any, tmp_path: Pa
     assert (document["curves"], document["slices"], public.per_pair.num_rows) == ({}, {}, 0)
     assert not any(document["intervals"]["tiers"].values())
     assert document["intervals"]["overall"] == {}
+
+
+def test_evaluate_prints_what_participants_may_see(
+    scene: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = far_off(scene, tmp_path / "s.parquet")
+    public = public_scores(evaluate(path, scene.root, hide_truth=True))
+    call = ["evaluate", str(path), "--data", str(scene.root), "--hide-truth"]
+    assert run([*call, "--json"]) == 0
+    assert json.loads(capfd.readouterr().out) == json.loads(json.dumps(public.document))
+    assert run([*call, "--out", str(tmp_path / "report")]) == 0
+    printed = re.findall(r"\d+\.\d{3,}", capfd.readouterr().out)
+    assert not [each for each in printed if len(each.lstrip("0.").replace(".", "")) > 4]
+    assert read_scores(tmp_path / "report").per_pair.num_rows  # the host's, for ranks
 
 
 def test_uncapped_scores_are_not_shown_to_participants(scene: Any, tmp_path: Path) -> None:
