@@ -26,7 +26,7 @@ def command(receipt: Path, key: Path, file: Path | None, as_json: bool) -> None:
     from pliant.spec.io.jsonfiles import read_json
 
     document = read_json(receipt)
-    verify_receipt(document, read_public_key(key))
+    verify_receipt(document, read_public_key(key), receipt)
     if file is not None:
         check_file(document, file)
     text = (

@@ -118,7 +118,8 @@ def restore_challenge(
         database_url: An empty database; None makes a SQLite file in the folder.
 
     Raises:
-        CallError: `out` exists, the database is in use, or the passphrase is wrong.
+        CallError: `source` is something else, `out` exists, the database is in use, or the
+            passphrase is wrong.
         SpecError: A file is missing or was changed, or the audit log was.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -128,7 +129,9 @@ def restore_challenge(
         os.chmod(place, 0o750)
         if source.is_file():
             _extract(source, place)
+            _check_kind(place, source)
         else:
+            _check_kind(source, source)
             shutil.copytree(source, place, dirs_exist_ok=True)
         _verify_files(place)
         for name in (_SUMS, ".zenodo.json"):
@@ -196,7 +199,20 @@ def _extract(source: Path, place: Path) -> None:
         with tarfile.open(source) as tar:
             tar.extractall(place, filter="tar")
     except (tarfile.TarError, OSError) as error:
-        raise SpecError("the archive cannot be read", path=source, found=str(error)) from error
+        found = str(error).partition(":\n")[0]  # then a line for each kind of compression
+        raise SpecError("the archive cannot be read", path=source, found=found) from error
+
+
+def _check_kind(folder: Path, source: Path) -> None:
+    """Refuse what is neither a backup nor an unpacked archive."""
+    for name in (CHALLENGE_YAML, _SUMS, _TABLES):
+        if not (folder / name).exists():
+            raise CallError(
+                "this is not a backup or an archive of a challenge",
+                path=source,
+                found=f"no {name}" if source.exists() else "nothing there",
+                required="what `pliant challenge backup` or `archive` wrote",
+            )
 
 
 def _verify_files(place: Path) -> None:

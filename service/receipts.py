@@ -48,22 +48,33 @@ class Signer:
         return {**document, "signature": base64.b64encode(signature).decode()}
 
 
-def verify_receipt(receipt: Any, key: Ed25519PublicKey) -> None:
+def verify_receipt(receipt: Any, key: Ed25519PublicKey, path: Path | None = None) -> None:
     """Check that a receipt was signed with a key and not changed since.
+
+    Args:
+        receipt: The receipt.
+        key: The challenge's public key.
+        path: Its file, for messages.
 
     Raises:
         SpecError: It was not, or it is not a receipt.
     """
     if not isinstance(receipt, dict) or not isinstance(receipt.get("signature"), str):
-        raise SpecError("this is not a receipt", required="a JSON object with `signature`")
+        raise SpecError(
+            "this is not a receipt", path=path, required="a JSON object with `signature`"
+        )
     version = str(receipt.get("receipt_version", ""))
     if version.partition(".")[0] != RECEIPT_VERSION.partition(".")[0]:
         raise SpecError(
-            "the receipt has another version", found=version[:40], required=RECEIPT_VERSION
+            "the receipt has another version",
+            path=path,
+            found=version[:40],
+            required=RECEIPT_VERSION,
         )
     if receipt.get("key_id") != key_id(key):
         raise SpecError(
             "the receipt was signed with another key",
+            path=path,
             found=f"key {str(receipt.get('key_id'))[:40]}",
             required=f"key {key_id(key)}",
             fix="Take the key from the challenge's rules page, or from its archive.",
@@ -74,6 +85,7 @@ def verify_receipt(receipt: Any, key: Ed25519PublicKey) -> None:
     except (InvalidSignature, ValueError) as error:
         raise SpecError(
             "the signature does not match: the receipt was changed or is not genuine",
+            path=path,
             where="signature",
         ) from error
 

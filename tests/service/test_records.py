@@ -277,6 +277,26 @@ def test_archives_contain_no_open_key_and_are_checked(
     assert not (tmp_path / "half").exists()
 
 
+def test_restore_names_what_is_no_archive(
+    tmp_path: Path, service_halves: Halves, capfd: pytest.CaptureFixture[str]
+) -> None:
+    other, text, absent = (tmp_path / name for name in ("other.tar", "a.txt", "absent"))
+    text.write_text("{}")
+    with tarfile.open(other, "w") as tar:
+        tar.add(text, "a.txt")
+    out = tmp_path / "challenge"
+    for source, message in (
+        (service_halves.public, "not a backup or an archive of a challenge; found no challenge"),
+        (other, "not a backup or an archive of a challenge; found no challenge"),
+        (absent, "found nothing there"),
+        (text, "cannot be read; found file could not be opened successfully\n"),
+    ):
+        assert run(["challenge", "restore", str(source), "--out", str(out)]) > 0
+        assert f"{source}: " in (error := capfd.readouterr().err)
+        assert message in error
+        assert not out.exists()
+
+
 def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> None:
     trial = scored(make_trial())
     pages = write_challenge_site(trial.challenge, tmp_path / "site")
