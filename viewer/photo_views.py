@@ -110,7 +110,8 @@ def read_photo_view(
     rope, ball = separate_ball(mask)
     if ball is not None:
         notes.append(f"{name}: a ball at the rope's end was separated from {why}.")
-    objects = None if ball is None else mask
+    # A background of one colour hides no ball: a rope without one is then known to have none.
+    objects = None if ball is None and view.mask is not None else mask
     return replace(photo, view=view.replace(mask=rope, objects=objects), notes=tuple(notes))
 
 

@@ -11,6 +11,7 @@ from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge, shrunk,
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import separate_ball, without_small_holes
+from pliant.spec.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,26 @@ def mask_remarks(source: MaskShape | None, target: MaskShape | None) -> list[str
     shapes = {"source": source, "target": target}
     found = [shape.remark(name) for name, shape in shapes.items() if shape is not None]
     return [remark for remark in found if remark]
+
+
+def ball_remarks(source: Frame, target: Frame) -> list[str]:
+    """Return what a user should know of ropes on which no ball is known, as sentences.
+
+    Args:
+        source: A picture with the masks that are used.
+        target: Likewise.
+    """
+    bare = [
+        name
+        for name, view in (("source", source), ("target", target))
+        if view.mask is not None and (view.objects is None or not (view.objects & ~view.mask).any())
+    ]
+    if not bare:
+        return []
+    return [
+        f"No ball is known at an end of the rope in the {' and the '.join(bare)}: without one, "
+        "both ends look alike, and all answers may run the other way along the rope."
+    ]
 
 
 def _ends(mask: Mask) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, mask_remarks
 from pliant.baselines.tracing.rectification import rectified
 from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.transfer import best_pair, located, placed
@@ -66,7 +66,7 @@ class RopeTracer:
             None if view.mask is None else MaskShape.of(view.mask, view.objects)
             for view in (source, target)
         ]
-        return mask_remarks(*shapes)
+        return mask_remarks(*shapes) or ball_remarks(source, target)
 
     def _of(self, view: Frame) -> tuple[Reframed, list[Trace]]:
         def traced() -> tuple[Reframed, list[Trace]]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.tracing import Reframed, mask_remarks
+from pliant.baselines.tracing import Reframed, ball_remarks, mask_remarks
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
@@ -134,7 +134,7 @@ class DonMatcher:
             return []
         seen = (self.reader.seen(source), self.reader.seen(target))
         shapes = [None if each.view.mask is None else self._traced(each).shape for each in seen]
-        return mask_remarks(*shapes)
+        return mask_remarks(*shapes) or ball_remarks(*(each.view for each in seen))
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""

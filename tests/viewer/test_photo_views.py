@@ -99,6 +99,13 @@ def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_
     assert (photo.view.mask & strand).sum() > 0.97 * strand.sum()
     assert (photo.view.mask & ball).sum() < 0.1 * ball.sum()
     assert ["one colour" in photo.notes[0], "ball" in photo.notes[1]] == [True, True]
+    bare, _, disc = rope_on(colour)
+    bare[disc] = colour
+    Image.fromarray(bare).save(tmp_path / "bare.png")
+    known = read_photo_view(PhotoFiles(tmp_path / "bare.png")).view
+    assert known.mask is not None
+    assert known.objects is not None
+    np.testing.assert_array_equal(known.objects, known.mask)  # there is no ball
     missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
     assert missed.mask is None  # what is asked about is no part of it
 

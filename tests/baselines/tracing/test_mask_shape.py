@@ -51,6 +51,10 @@ def test_a_user_is_told_what_is_wrong_with_masks() -> None:
     assert "mask of the target shows more than one rope (parts: 2, loose ends: 3)" in one
     (other,) = tracer.remarks(Frame(rgb, objects, objects=objects), right)
     assert "mask of the source contains a ball" in other
+    for bare in (Frame(rgb, mask), Frame(rgb, mask, objects=mask)):
+        (doubtful,) = tracer.remarks(right, bare)
+        assert doubtful.startswith("No ball is known at an end of the rope in the target: without")
+    assert "in the source and the target: without" in tracer.remarks(bare, bare)[0]
     for unread in (Frame(rgb), Frame(rgb, np.zeros_like(mask))):
         (unanswered,) = tracer.remarks(right, unread)
         assert unanswered.startswith("The target has no mask that shows a rope, so rope-tracer")
