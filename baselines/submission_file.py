@@ -191,11 +191,15 @@ def check_split(dataset: Dataset, split: str) -> None:
     Raises:
         CallError: The dataset has no queries for it.
     """
-    if split not in dataset.splits_with_queries():
+    asked = dataset.splits_with_queries()
+    if split not in asked:
         raise CallError(
             f"the dataset has no queries for split {split!r}",
             path=dataset.root,
-            required=" or ".join(dataset.splits_with_queries()) or "a dataset with queries",
+            required=" or ".join(asked) or "a dataset with queries",
+            fix=None
+            if asked
+            else "They need two pictures of a tier in val or test: generate more of them",
         )
 
 

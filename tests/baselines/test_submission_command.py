@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -238,6 +239,17 @@ def test_unfilled_template_names_every_row(
     assert "nan" in first.message
     assert "finite position" in first.message
     assert run(["check", str(out), "--data", str(DATA)]) == 1
+
+
+def test_a_dataset_without_queries_says_what_they_need(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = shutil.copytree(DATA, tmp_path / "data")
+    shutil.rmtree(data / "queries")
+    call = ["submission", "--data", str(data), "--out", str(tmp_path / "out.parquet")]
+    assert run(call) == 2
+    error = capsys.readouterr().err
+    assert "no queries for split 'test'; required: a dataset with queries. They need two" in error
 
 
 def test_template_of_matches_has_a_row_a_pair(
