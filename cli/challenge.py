@@ -150,7 +150,7 @@ def rescore(
 
     versions, count = rescore_challenge(challenge, phase, protocol, private, reason)
     names = ", ".join(f"{each.id} ({each.protocol}, truth {each.truth})" for each in versions)
-    echo(f"Version {names}: {plural(count, 'submission')} wait for a worker.")
+    echo(f"Version {names}: {plural(count, 'submission')} to score.")
 
 
 @command.command("audit")
