@@ -119,7 +119,7 @@ def test_a_host_and_a_team(
         page.fill("reason", "the figures of the paper")
         browser.run("document.querySelector('select[name=protocol]').value = 'paper'")
         browser.follow("form[action='/admin/rescore'] button")
-        browser.wait("document.body.innerText.includes('1 submissions wait')")
+        browser.wait("document.body.innerText.includes('1 submission waits')")
         wait_for_jobs(trial)
         assert page.go("/submissions/1").count("truth 1") == 2
         assert "rescored" in page.go("/admin/audit")
