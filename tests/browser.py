@@ -34,8 +34,9 @@ class Browser:
         self.driver = driver
 
     def open(self, address: str) -> None:
-        """Go to a page."""
+        """Go to a page, and wait for all of it: on a busy machine the driver may return before."""
         self.driver.get(address)
+        self.wait("true")
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Run JavaScript in the page and return its value."""

@@ -100,8 +100,12 @@ def test_a_host_and_a_team(
             page.fill("token", token)
             browser.follow("main button.main")
             browser.driver.get(server.address + "/submissions/1")
-            assert browser.driver.find_elements(By.CSS_SELECTOR, ".state.scored")
-            assert "Receipt" in browser.driver.page_source
+            WebDriverWait(browser.driver, 60).until(
+                lambda driver: (
+                    driver.find_elements(By.CSS_SELECTOR, ".state.scored")
+                    and "Receipt" in driver.page_source
+                )
+            )
             browser.driver.get(server.address + "/submit")
             page.fill("file", str(bad))
             browser.follow("main button.main")
