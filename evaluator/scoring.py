@@ -40,7 +40,8 @@ from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
 _PAIRS_WITH_IMAGES: Final = 1024
-"""Where surface images are read, they take the time: shorter blocks show progress."""
+"""Where surface images are read, they take the time: shorter blocks show progress, and leave less
+to the last of several processes."""
 
 
 class Observer(Interface):

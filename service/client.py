@@ -30,7 +30,7 @@ class Client:
         token: The team's token.
 
     Raises:
-        CallError: The address is not a web address, or the token is no token.
+        CallError: The address is not a web address, or the token has characters that no token has.
     """
 
     def __init__(self, address: str, token: str) -> None:

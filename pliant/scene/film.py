@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,10 +26,9 @@ from pliant.scene.bodies import Body
 from pliant.spec.calls import check_numbers, check_whole
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_from, settings_to_dict
+from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import Surface
-
-SPLITS: Final = ("train", "val", "test")
 
 
 def camera(

@@ -105,7 +105,7 @@ def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_
     known = read_photo_view(PhotoFiles(tmp_path / "bare.png")).view
     assert known.mask is not None
     assert known.objects is not None
-    np.testing.assert_array_equal(known.objects, known.mask)  # there is no ball
+    np.testing.assert_array_equal(known.objects, known.mask)  # the rope is the only object
     missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
     assert missed.mask is None  # what is asked about is no part of it
 
