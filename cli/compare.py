@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pliant.cli.options import json_option, path_option, reports_argument
+from pliant.cli.options import json_option, reports_argument
 from pliant.cli.terminal import echo, echo_json, plural
 
 if TYPE_CHECKING:
@@ -25,11 +25,8 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="An averaged metric of the protocol; may be repeated. Default: those of its headline.",
 )
-@path_option("--out", "FILE.html", "A page of the comparison; an earlier file is replaced.")
 @json_option
-def command(
-    reports: tuple[Path, ...], metrics: tuple[str, ...], out: Path | None, as_json: bool
-) -> None:
+def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) -> None:
     """Compare report folders of one protocol, dataset and split.
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
@@ -51,13 +48,6 @@ def command(
     standing = ranks(found, names)
     protocol = str(scores[0].document["protocol"])
     fewest = fewest_sequences(float(read_protocol(protocol).bootstrap.level))
-    if out is not None:
-        from pliant.evaluator.report.comparison_page import render_comparison
-        from pliant.spec.io.writing import replacing
-
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(out) as partial:
-            partial.write_text(render_comparison(scores, found), encoding="utf-8")
     if as_json:
         document: dict[str, Any] = {
             "protocol": protocol,
@@ -77,8 +67,6 @@ def command(
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
-    if out is not None:
-        echo(f"Comparison: {out}")
 
 
 def _print_differences(

@@ -1,4 +1,4 @@
-"""Reports, leaderboards and comparisons in a real browser: what a reader can do with them."""
+"""Reports and leaderboards in a real browser: what a reader can do with them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.browser import Browser
 
 pytestmark = pytest.mark.slow
 
-PAGES = ("reports/far/report.html", "board.html", "comparison.html", "run/report.html")
+PAGES = ("reports/far/report.html", "board.html", "run/report.html")
 BOX = {"p5": 1.0, "p25": 2.0, "p50": 3.0, "p75": 4.0, "p95": 5.0}
 CHARTS = [
     charts.line_chart({"loss": ([0, 100], [5.0, np.nan])}, Labels('"Loss" & <b>', "step")),
@@ -35,7 +35,7 @@ VISIBLE = "[...document.querySelectorAll('figure.example')].filter(f => !f.hidde
 
 @pytest.fixture(scope="module")
 def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report, a leaderboard of four and a comparison, on a cloth and a rope tier."""
+    """A report and a leaderboard of four, on a cloth and a rope tier."""
     folder = tmp_path_factory.mktemp("pages")
     scene = scene_maker(folder / "data", sequences=6, frames=2, queries=16)
     middle = np.zeros_like(scene.true_px)
@@ -55,7 +55,6 @@ def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_report(scores, folder / "reports" / name, data=scene.root)
     reports = str(folder / "reports")
     assert run(["leaderboard", reports, "--out", str(folder / "board.html")]) == 0
-    assert run(["compare", reports, "--out", str(folder / "comparison.html")]) == 0
     (folder / "run").mkdir()
     table = [["method", "RMSE"], ["a long name of a method", "3.25"]]
     sections = [Section("Curves", charts=CHARTS), Section("Scores", table=table)]
@@ -212,13 +211,3 @@ def test_a_leaderboard_sorts_methods_and_keeps_controls_apart(
     assert "R. Eader" in body
     links = browser.run("return [...document.querySelectorAll('#board a')].map(a => a.href)")
     assert links == ["https://example.org/near"]
-
-
-def test_a_comparison_says_who_is_better(browser: Browser, pages: Path) -> None:
-    opened(browser, pages / "comparison.html")
-    verdict = browser.run("return document.querySelector('.verdict').innerText")
-    assert "near is clearly better than" in verdict
-    assert "beats answering with the middle of the object" in verdict
-    choose(browser, "tier", "cloth")
-    shown = "[...document.querySelectorAll('tr[data-tier]')].filter(r => !r.hidden)"
-    assert set(browser.run(f"return {shown}.map(r => r.dataset.tier)")) == {"cloth"}
