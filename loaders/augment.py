@@ -16,7 +16,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.loaders.mask_damage import damaged, faulty
-from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
+from pliant.loaders.recolouring import recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.arrays import Mask
 from pliant.spec.calls import check_type
@@ -36,8 +36,6 @@ class AugmentSettings(Settings):
             its points and the border.
         colour: Gain, offset and gamma of each channel vary by about this share.
         noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
-        depth_noise_m: Standard deviation of noise of the depth, uniform from 0 to this, metres;
-            with it up to a twentieth of the pixels have no depth.
         recolour: Probability that the queried object, the other objects and the background each
             get other colours, so that a network learns no material.
         mask_faults: Probability that the masks given to the network are eroded, dilated or have
@@ -59,7 +57,6 @@ class AugmentSettings(Settings):
     margin: Annotated[float, Bounds(0, 0.5, below=True)] = 0.06
     colour: Share = 0.2
     noise: Annotated[float, Bounds(0, 128, "of 255")] = 4.0
-    depth_noise_m: Annotated[float, Bounds(0, 0.1, "m")] = 0.0
     recolour: Share = 0.0
     mask_faults: Share = 0.0
     mask_damage: Share = 0.0
@@ -262,8 +259,6 @@ def augment(
     """
     if affine is not None:
         view = warp_view(view, affine)
-    if settings.depth_noise_m > 0:
-        view = replace(view, depth_m=noisy_depth(rng, view.depth_m, settings.depth_noise_m))
     rgb = view.rgb
     if settings.recolour > 0 and rng.random() < settings.recolour:
         rgb = recolour_regions(rng, rgb, view.mask, view.objects)

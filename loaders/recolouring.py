@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
-
-_MOST_MISSING: Final = 0.05
-"""Largest share of the pixels whose depth is lost."""
 
 
 def recolour(
@@ -38,22 +34,6 @@ def recolour(
         noisy += rgb
         rgb = noisy.clip(0, 255, out=noisy).astype(np.uint8)
     return rgb
-
-
-def noisy_depth(
-    rng: np.random.Generator, depth_m: npt.NDArray[np.float32], noise_m: float
-) -> npt.NDArray[np.float32]:
-    """Return a depth map with noise and lost pixels.
-
-    Args:
-        rng: Source of randomness.
-        depth_m: float32 (h, w), +inf where there is none.
-        noise_m: Largest standard deviation of the noise, metres.
-    """
-    sigma = np.float32(rng.uniform(0, noise_m))
-    grain = rng.standard_normal(depth_m.shape, dtype=np.float32) * sigma
-    lost = rng.random(depth_m.shape, dtype=np.float32) < rng.uniform(0, _MOST_MISSING)
-    return np.where(lost, np.float32(np.inf), depth_m + grain)
 
 
 def recolour_regions(

@@ -30,9 +30,8 @@ class NetworkSettings(Settings):
     """The network's architecture and outputs.
 
     Attributes:
-        name: `unet`, `resnet18`, `resnet34` or `resnet50`.
+        name: `unet`, `resnet18` or `resnet34`.
         descriptor_dim: Channels D of a descriptor.
-        normalise: True for descriptors of unit length.
         widths: U-Net: channels of each level, finest first.
         global_blocks: U-Net: attention blocks at the coarsest level.
         patch: U-Net: pixels a side that share one position of the finest level.
@@ -42,7 +41,6 @@ class NetworkSettings(Settings):
 
     name: Annotated[str, OneOf(("unet", *DEPTHS))] = "unet"
     descriptor_dim: Channels = 16
-    normalise: bool = False
     widths: Annotated[tuple[int, ...], Bounds(8, 1024, multiple_of=8)] = (24, 48, 96, 160)
     global_blocks: Annotated[int, Bounds(0, 64)] = 2
     patch: Literal[1, 2, 4] = 1
@@ -73,7 +71,7 @@ class NetworkOutput:
 
 
 class DescriptorNetwork(nn.Module):
-    """A backbone, optional normalisation, and the learned scale of the distributional loss.
+    """A backbone and the learned scale of the distributional loss.
 
     Attributes:
         foreground: Whether the network predicts masks.
@@ -100,7 +98,6 @@ class DescriptorNetwork(nn.Module):
         canonical: CanonicalHead | None = None,
     ) -> None:
         super().__init__()
-        self.normalise = settings.normalise
         self.foreground = foreground
         self._heads = [ORIENTATION_CHANNELS * orientation, FOREGROUND_CHANNELS * foreground]
         channels_out = settings.descriptor_dim + sum(self._heads)
@@ -123,8 +120,6 @@ class DescriptorNetwork(nn.Module):
         out: torch.Tensor = self.backbone(image).float()
         dim = out.shape[1] - sum(self._heads)
         descriptors, orientation, foreground = out.split([dim, *self._heads], dim=1)
-        if self.normalise:
-            descriptors = functional.normalize(descriptors, dim=1)
         return NetworkOutput(descriptors, orientation, foreground)
 
     @property

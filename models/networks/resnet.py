@@ -1,4 +1,4 @@
-"""ResNet-18, 34 and 50 as fully convolutional networks of stride 8, upsampled to the image.
+"""ResNet-18 and 34 as fully convolutional networks of stride 8, upsampled to the image.
 
 The classification networks of He et al. (2016) with their last two strides turned into
 dilations, so that the grid stays at an eighth of the image, a 1x1 head, and bilinear
@@ -14,11 +14,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-DEPTHS: Final[dict[str, tuple[int, int, int, int]]] = {
-    "resnet18": (2, 2, 2, 2),
-    "resnet34": (3, 4, 6, 3),
-    "resnet50": (3, 4, 6, 3),
-}
+DEPTHS: Final = {"resnet18": (2, 2, 2, 2), "resnet34": (3, 4, 6, 3)}
 """Blocks in each of the four stages."""
 
 _STAGES: Final = ((64, 1, 1), (128, 2, 1), (256, 1, 2), (512, 1, 4))
@@ -30,9 +26,7 @@ def _conv3(cin: int, cout: int, stride: int = 1, dilation: int = 1) -> nn.Conv2d
 
 
 class BasicBlock(nn.Module):
-    """Two 3x3 convolutions (ResNet-18 and 34)."""
-
-    expansion = 1
+    """Two 3x3 convolutions and a shortcut."""
 
     def __init__(self, cin: int, width: int, stride: int, dilation: int) -> None:
         super().__init__()
@@ -46,29 +40,6 @@ class BasicBlock(nn.Module):
         """Map (N, C, h, w) to (N, width, h / stride, w / stride)."""
         y = functional.relu(self.bn1(self.conv1(x)))
         y = self.bn2(self.conv2(y))
-        return functional.relu(y + (x if self.downsample is None else self.downsample(x)))
-
-
-class Bottleneck(nn.Module):
-    """1x1, 3x3, 1x1 (ResNet-50)."""
-
-    expansion = 4
-
-    def __init__(self, cin: int, width: int, stride: int, dilation: int) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(cin, width, 1, bias=False)
-        self.bn1 = nn.BatchNorm2d(width)
-        self.conv2 = _conv3(width, width, stride, dilation)
-        self.bn2 = nn.BatchNorm2d(width)
-        self.conv3 = nn.Conv2d(width, width * 4, 1, bias=False)
-        self.bn3 = nn.BatchNorm2d(width * 4)
-        self.downsample = _shortcut(cin, width * 4, stride)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Map (N, C, h, w) to (N, 4 width, h / stride, w / stride)."""
-        y = functional.relu(self.bn1(self.conv1(x)))
-        y = functional.relu(self.bn2(self.conv2(y)))
-        y = self.bn3(self.conv3(y))
         return functional.relu(y + (x if self.downsample is None else self.downsample(x)))
 
 
@@ -94,7 +65,6 @@ class ResNetFCN(nn.Module):
 
     def __init__(self, name: str, channels_in: int, descriptor_dim: int) -> None:
         super().__init__()
-        block = Bottleneck if name == "resnet50" else BasicBlock
         self.conv1 = nn.Conv2d(channels_in, 64, 7, stride=2, padding=3, bias=False)
         self.bn1 = nn.BatchNorm2d(64)
         channels = 64
@@ -106,8 +76,8 @@ class ResNetFCN(nn.Module):
                 # torchvision's replace_stride_with_dilation: the first block of a dilated
                 # stage still has the dilation of the stage before.
                 own = dilation if index or dilation == 1 else max(1, dilation // 2)
-                blocks.append(block(channels, width, stride if index == 0 else 1, own))
-                channels = width * block.expansion
+                blocks.append(BasicBlock(channels, width, stride if index == 0 else 1, own))
+                channels = width
             setattr(self, f"layer{number}", nn.Sequential(*blocks))
         self.head = nn.Conv2d(channels, descriptor_dim, 1, bias=False)
 

@@ -17,7 +17,7 @@ from pliant.loaders.augment import (
     symmetry_in_image,
     warp_view,
 )
-from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
+from pliant.loaders.recolouring import recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
@@ -116,28 +116,6 @@ def test_colour_keeps_the_order_of_values_and_noise_has_its_size() -> None:
     spread = [float(recolour(rng, flat, 0.0, 8.0).std()) for _ in range(40)]
     assert max(spread) < 8.5
     assert max(spread) > 4
-
-
-def test_depth_gets_noise_and_loses_pixels() -> None:
-    depth = np.where(np.arange(200 * 300).reshape(200, 300) % 3 == 0, np.inf, 1.0).astype(
-        np.float32
-    )
-    spreads, lost = [], []
-    for seed in range(40):
-        noisy = noisy_depth(np.random.default_rng(seed), depth, 0.01)
-        assert noisy.dtype == np.float32
-        assert np.isinf(noisy[np.isinf(depth)]).all(), "what had no depth has none now"
-        known = np.isfinite(noisy)
-        spreads.append(noisy[known].std())
-        lost.append(1 - known.sum() / np.isfinite(depth).sum())
-    assert max(spreads) == pytest.approx(0.01, rel=0.1)
-    assert min(spreads) < 0.002
-    assert 0.04 < max(lost) < 0.052
-    view = replace(blob_view(np.array([[80.0, 60.0]])))
-    still = AugmentSettings(rotate_deg=0, colour=0, noise=0, depth_noise_m=0.01)
-    changed = augment(np.random.default_rng(1), view, still, None)
-    assert not np.array_equal(changed.depth_m, view.depth_m)
-    np.testing.assert_array_equal(changed.rgb, view.rgb)
 
 
 def test_all_off_changes_nothing() -> None:

@@ -140,7 +140,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         ["loss.kind=contrastive", "pairs.input=depth"],
         pytest.param(["network.name=resnet18"], marks=pytest.mark.long),
         ["precision=bfloat16", "pairs.views=3", "loss.direction=reverse", "optimiser.average=0"],
-        ["pairs.masks=true", "cache=false", "network.normalise=true", "loss.space_weight=0.1"],
+        ["pairs.masks=true", "cache=false", "loss.space_weight=0.1"],
     ],
 )
 def test_other_settings_train_too(

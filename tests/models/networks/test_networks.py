@@ -25,12 +25,10 @@ COLOUR = NetworkInput()
 SMALL = NetworkSettings(widths=(8, 16, 32))
 
 
-@pytest.mark.parametrize("name", ["unet", "resnet18", "resnet50"])
-@pytest.mark.parametrize(("kind", "normalise"), [("depth", True), ("rgb", True), ("rgb", False)])
-def test_a_descriptor_and_an_orientation_at_every_pixel(
-    name: str, kind: InputKind, normalise: bool
-) -> None:
-    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32), normalise=normalise)
+@pytest.mark.parametrize("name", ["unet", "resnet18"])
+@pytest.mark.parametrize("kind", ["depth", "rgb"])
+def test_a_descriptor_and_an_orientation_at_every_pixel(name: str, kind: InputKind) -> None:
+    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32))
     images = torch.randn(1, NetworkInput(kind).channels, 50, 66)
     for orientation in (False, True):
         network = build_network(settings, NetworkInput(kind), orientation=orientation).eval()
@@ -39,13 +37,11 @@ def test_a_descriptor_and_an_orientation_at_every_pixel(
             assert torch.equal(network(images), out.descriptors)
         assert out.descriptors.shape == (1, 5, 50, 66)
         assert out.orientation.shape == (1, 3 * orientation, 50, 66)
-        if normalise:  # the length of a descriptor is its own, not shared with the direction
-            torch.testing.assert_close(out.descriptors.norm(dim=1), torch.ones(1, 50, 66))
 
 
 @pytest.mark.parametrize(
     ("name", "blocks", "millions"),
-    [("resnet18", 8, 11.18), ("resnet34", 16, 21.28), ("resnet50", 16, 23.51)],
+    [("resnet18", 8, 11.18), ("resnet34", 16, 21.28)],
 )
 def test_resnets_have_depth_and_parameters_of_torchvision_and_stride_8(
     name: str, blocks: int, millions: float
