@@ -21,6 +21,7 @@ from pliant.models.losses.lipschitz_space import (
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 from pliant.models.losses.matches import Candidates, NonMatches, Targets
 from pliant.models.losses.orientation import orientation_loss
+from pliant.models.losses.stretch import stretch_loss
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.models.networks.descriptor_network import NetworkOutput, sample_descriptors
 
@@ -81,6 +82,15 @@ def don_loss(
             scale=scale,
             sigma_m=settings.canonical_sigma_at(progress),
         )
+    if settings.stretch_weight > 0 and canonical is not None:
+        parts["stretch"] = stretch_loss(
+            canonical,
+            seen.own.flatten(0, 1),
+            batch["material"][:, None, :, 0].expand(-1, seen.views, -1, -1).flatten(0, 1),
+            in_view,
+            scale=scale,
+            reach_m=settings.stretch_reach_m,
+        )
     if settings.foreground_weight > 0:
         both = torch.stack([batch["mask"], batch["objects"]], dim=2).flatten(0, 1)
         parts["foreground"] = functional.binary_cross_entropy_with_logits(
@@ -91,6 +101,7 @@ def don_loss(
         "lipschitz_time": settings.time_weight,
         "orientation": settings.orientation_weight,
         "canonical": settings.canonical_weight,
+        "stretch": settings.stretch_weight,
         "foreground": settings.foreground_weight,
     }
     loss = parts[settings.kind]

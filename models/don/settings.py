@@ -71,6 +71,9 @@ class LossSettings(Settings):
         canonical_weight: Weight of the canonical head's cross-entropy, 0 for no head.
         canonical_sigma_m: Width of its target on the material, at the end, metres.
         canonical_sigma_start_m: Width at the start; it shrinks as `sigma_start_px` does.
+        stretch_weight: Weight of the loss of how the canonical head's map stretches the material;
+            it needs `canonical_weight`.
+        stretch_reach_m: Largest distance on the material of two points that are compared, metres.
         foreground_weight: Weight of the masks that the network predicts, 0 for none: what it
             works with where no mask is given.
     """
@@ -103,6 +106,8 @@ class LossSettings(Settings):
     canonical_weight: NonNegative = 0.0
     canonical_sigma_m: Positive = 0.012
     canonical_sigma_start_m: Positive = 0.1
+    stretch_weight: NonNegative = 0.0
+    stretch_reach_m: Positive = 0.12
     foreground_weight: NonNegative = 0.0
 
     def canonical_sigma_at(self, progress: float) -> float:
