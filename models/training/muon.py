@@ -10,8 +10,8 @@ in neural networks", 2024, whose coefficients these are).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, Final, overload
+from collections.abc import Iterable
+from typing import Any, Final
 
 import torch
 
@@ -22,7 +22,6 @@ _ITERATIONS: Final = 5
 _EPSILON: Final = 1e-7
 _LEAST_ROWS: Final = 16
 _MOMENTUM: Final = 0.95  # Nesterov's
-_ADAM_EPSILON: Final = 1e-8
 
 
 def is_matrix(parameter: torch.Tensor) -> bool:
@@ -51,7 +50,7 @@ def orthogonalised(gradient: torch.Tensor) -> torch.Tensor:
     return (x if wide else x.T).to(gradient.dtype)
 
 
-class Muon(torch.optim.Optimizer):
+class Muon(torch.optim.AdamW):
     """Muon for the groups that say `muon`, AdamW for the others.
 
     A convolution's weights (C_out, C_in, k, k) are the matrix (C_out, C_in k k); its step is
@@ -63,77 +62,34 @@ class Muon(torch.optim.Optimizer):
     """
 
     def __init__(
-        self,
-        groups: Iterable[dict[str, Any]],
-        *,
-        betas: tuple[float, float] = (0.9, 0.999),
+        self, groups: Iterable[dict[str, Any]], *, betas: tuple[float, float] = (0.9, 0.999)
     ) -> None:
-        super().__init__(
-            groups,
-            {
-                "lr": 1e-3,
-                "muon": False,
-                "weight_decay": 0.0,
-                "betas": betas,
-                "momentum": _MOMENTUM,
-                "eps": _ADAM_EPSILON,
-            },
-        )
-
-    @overload
-    def step(self, closure: None = None) -> None: ...
-
-    @overload
-    def step(self, closure: Callable[[], float]) -> float: ...
+        super().__init__(groups, betas=betas, weight_decay=0.0)
 
     @torch.no_grad()
-    def step(self, closure: Callable[[], float] | None = None) -> float | None:
+    def step(self, closure: Any = None) -> Any:
         """Move every parameter that has a gradient."""
-        loss = None
-        if closure is not None:
-            with torch.enable_grad():
-                loss = closure()
-        for group in self.param_groups:
-            parameters = [each for each in group["params"] if each.grad is not None]
-            if not parameters:
-                continue
-            torch._foreach_mul_(parameters, 1 - group["lr"] * group["weight_decay"])
-            if group["muon"]:
-                for parameter in parameters:
+        groups = self.param_groups
+        for group in groups:
+            for parameter in group["params"] if group.get("muon") else ():
+                if parameter.grad is not None:
                     self._muon(parameter, group)
-            else:
-                self._adam(parameters, group)
-        return loss
+        self.param_groups = [group for group in groups if not group.get("muon")]
+        try:
+            return super().step(closure)
+        finally:
+            self.param_groups = groups
 
     def _muon(self, parameter: torch.Tensor, group: dict[str, Any]) -> None:
         state, gradient = self.state[parameter], parameter.grad
         assert gradient is not None
         if not state:
             state["mean"] = torch.zeros_like(parameter)
+            state["step"] = torch.zeros(())  # AdamW looks for it in a state that is loaded
         mean = state["mean"]
-        mean.lerp_(gradient, 1 - group["momentum"])
-        ahead = gradient.lerp(mean, group["momentum"]).flatten(1)
+        mean.lerp_(gradient, 1 - _MOMENTUM)
+        ahead = gradient.lerp(mean, _MOMENTUM).flatten(1)
         rows, columns = ahead.shape
+        parameter.mul_(1 - group["lr"] * group["weight_decay"])
         size = group["lr"] * max(1.0, rows / columns) ** 0.5
         parameter.add_(orthogonalised(ahead).view_as(parameter), alpha=-size)
-
-    def _adam(self, parameters: list[torch.Tensor], group: dict[str, Any]) -> None:
-        """Move all parameters at once: a GPU spends longer on starting kernels than in them."""
-        states = [self.state[each] for each in parameters]
-        for state, parameter in zip(states, parameters, strict=True):
-            if not state:
-                state["step"] = torch.zeros(())
-                state["mean"] = torch.zeros_like(parameter)
-                state["square"] = torch.zeros_like(parameter)
-            state["step"] += 1
-        gradients = [each.grad for each in parameters if each.grad is not None]
-        means, squares = ([state[name] for state in states] for name in ("mean", "square"))
-        first, second = group["betas"]
-        step = float(states[0]["step"])
-        torch._foreach_lerp_(means, gradients, 1 - first)
-        torch._foreach_mul_(squares, second)
-        torch._foreach_addcmul_(squares, gradients, gradients, 1 - second)
-        spreads = torch._foreach_sqrt(squares)
-        torch._foreach_div_(spreads, (1 - second**step) ** 0.5)
-        torch._foreach_add_(spreads, group["eps"])
-        torch._foreach_addcdiv_(parameters, means, spreads, -group["lr"] / (1 - first**step))
