@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.answers import Answers
+from pliant.spec.answers import MAX_POSITION_PX, MAX_SIGMA_PX, Answers
 from pliant.spec.errors import SubmissionError
+
+_LEAST_SIGMA_PX: Final = float(np.nextafter(np.float32(0), np.float32(1)))
+_FIELDS: Final[dict[str, tuple[tuple[int, ...], float, float, str]]] = {
+    "uv_px": ((2,), -MAX_POSITION_PX, MAX_POSITION_PX, "a finite position within ±1e6 px"),
+    "visible": ((), 0.0, 1.0, "a probability, 0 to 1"),
+    "sigma_px": ((), _LEAST_SIGMA_PX, MAX_SIGMA_PX, "greater than 0 and at most 1e6 px"),
+}
+"""Shape of one answer, smallest and largest value, and these in words."""
 
 
 def checked_answers(found: object, count: int, method: str, where: str) -> Answers:
-    """Return what a method answered as `Answers`, refusing all but one finite position per query.
+    """Return what a method answered as arrays, refusing all but one finite position per query.
 
     Args:
-        found: `Answers`, or the positions alone: an array-like (N, 2), pixels.
+        found: `Answers`, or the positions alone, (N, 2), pixels: array-likes or torch tensors.
         count: Number of queries, N.
         method: The method's name, for messages.
         where: Which pair or split, for messages.
@@ -29,28 +38,27 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
         >>> answers.uv_px.dtype.name
         'float32'
     """
-    answers = found if isinstance(found, Answers) else _of_positions(found, method, where)
-    fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
-        "uv_px": (answers.uv_px, (count, 2))
-    }
-    if answers.visible is not None:
-        fields["visible"] = (answers.visible, (count,))
-    if answers.sigma_px is not None:
-        fields["sigma_px"] = (answers.sigma_px, (count,))
-    for name, (values, shape) in fields.items():
-        if values.shape != shape:
+    answers = found if isinstance(found, Answers) else Answers(found)  # type: ignore[arg-type]
+    fields: dict[str, Any] = {}
+    for name, (shape, least, most, required) in _FIELDS.items():
+        given = getattr(answers, name)
+        if given is None and name != "uv_px":
+            continue
+        values = fields[name] = _floats(given, method, where)
+        if values.shape != (count, *shape):
             raise SubmissionError(
                 f"the method {method!r} answered in the wrong shape",
                 where=f"{where}, {name}",
                 found=values.shape,
-                required=shape,
+                required=(count, *shape),
             )
-        if not np.isfinite(values).all():
+        wrong = ~((values >= least) & (values <= most))
+        if wrong.any():
             raise SubmissionError(
-                f"the method {method!r} gave a value that is not finite",
+                f"the method {method!r} gave a value that is not possible",
                 where=f"{where}, {name}",
-                found=f"{int((~np.isfinite(values)).sum())} of {values.size}",
-                required="one finite answer for every query",
+                found=f"{values[wrong][0]} ({int(wrong.sum())} of {values.size} values)",
+                required=required,
             )
     if answers.modes is not None and len(answers.modes) != count:
         raise SubmissionError(
@@ -59,13 +67,21 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
             found=len(answers.modes),
             required=count,
         )
-    return answers
+    return replace(answers, **fields)
 
 
-def _of_positions(found: object, method: str, where: str) -> Answers:
-    """Return positions alone as answers."""
+def to_array(values: Any) -> npt.NDArray[Any]:
+    """Return an array-like or a torch tensor, on whatever device, as an array."""
+    if hasattr(values, "detach"):
+        values = values.detach().cpu().float().numpy()
+    return np.asarray(values)
+
+
+def _floats(found: object, method: str, where: str) -> npt.NDArray[np.float32]:
+    """Return what a method gave as float32; a number beyond that is infinite."""
     try:
-        return Answers(np.asarray(found).astype(np.float32, casting="same_kind"))
+        with np.errstate(over="ignore"):
+            return to_array(found).astype(np.float32, casting="same_kind", copy=False)
     except (TypeError, ValueError) as error:
         raise SubmissionError(
             f"the method {method!r} returned something else than answers",

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
+MAX_POSITION_PX: Final = 1e6
+"""|u| and |v| of an answer. A position outside the image is an answer like any other and is
+scored by its distance; a number beyond this bound is none."""
+
+MAX_SIGMA_PX: Final = 1e6
+"""Largest standard deviation."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import function_name, to_array
+from pliant.baselines.adapters.images import function_name
 from pliant.baselines.adapters.sparse import SparseMatcher
 from pliant.baselines.matcher import Matcher, SplitMatcher, TrackMatcher
 from pliant.spec.answers import Answers
@@ -134,8 +134,8 @@ class FunctionMatcher:
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
-        positions = to_array(self._function(pair.source, pair.target, pair.uv_a_px))
-        return Answers(uv_px=positions.astype(np.float32))
+        found: Any = self._function(pair.source, pair.target, pair.uv_a_px)
+        return Answers(uv_px=found)  # the loop checks and converts it, and names the pair
 
 
 def from_function(function: MatchFunction, name: str | None = None) -> FunctionMatcher:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from pliant.baselines.answers import to_array
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
 from pliant.spec.frame import Frame
@@ -95,13 +96,6 @@ class Images:
             found = (found + 1) / 2 * size
         pixels: FloatArray = found * (view.rgb.shape[1::-1] / size)
         return pixels
-
-
-def to_array(values: Any) -> npt.NDArray[Any]:
-    """Return an array-like or a torch tensor, on whatever device, as an array."""
-    if hasattr(values, "detach"):
-        values = values.detach().cpu().float().numpy()
-    return np.asarray(values)
 
 
 def _resized(rgb: npt.NDArray[np.uint8], size: FloatArray) -> npt.NDArray[np.uint8]:

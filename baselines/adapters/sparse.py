@@ -8,7 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.baselines.adapters.images import Images, function_name, to_array
+from pliant.baselines.adapters.images import Images, function_name
+from pliant.baselines.answers import to_array
 from pliant.baselines.pixels import central_position
 from pliant.spec.answers import Answers, Matches
 from pliant.spec.arrays import FloatArray

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import Images, function_name, to_array
+from pliant.baselines.adapters.images import Images, function_name
+from pliant.baselines.answers import to_array
 from pliant.spec.answers import Answers
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Frame, Pair

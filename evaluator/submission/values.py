@@ -16,16 +16,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.evaluator.submission.problems import Problems
+from pliant.spec.answers import MAX_POSITION_PX, MAX_SIGMA_PX
 from pliant.spec.arrays import BoolArray, IntArray, RealArray
 
 # What a submission may contain, whichever protocol scores it.
-
-MAX_POSITION_PX: Final = 1e6
-"""|u| and |v| of an answer. A position outside the image is an answer like any other and is
-scored by its distance; a number beyond this bound is none."""
-
-MAX_SIGMA_PX: Final = 1e6
-"""Largest standard deviation."""
 
 MAX_MODES: Final = 64
 """Largest number of modes in one row."""

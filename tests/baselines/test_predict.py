@@ -12,7 +12,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import torch
 
+import pliant
 from pliant.baselines import METHODS, Answers
 from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
@@ -145,9 +147,13 @@ def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"uv_px": lambda n: np.full((n, 2), np.nan, np.float32)}, "pair 0, uv_px.*not finite"),
+        ({"uv_px": lambda n: np.full((n, 2), np.nan)}, "pair 0, uv_px.*nan .40 of 40.*finite"),
+        ({"uv_px": lambda n: np.full((n, 2), 1e300)}, "pair 0, uv_px.*inf .40 of 40.*within"),
+        ({"uv_px": lambda n: None}, "pair 0: .*something else than answers; found NoneType"),
         ({"uv_px": lambda n: np.zeros((n - 1, 2), np.float32)}, "pair 0, uv_px.*wrong shape"),
         ({"visible": lambda n: np.zeros((n, 1), np.float32)}, "pair 0, visible.*wrong shape"),
+        ({"visible": lambda n: np.full(n, 3)}, "pair 0, visible.*3.0 .*probability, 0 to 1"),
+        ({"sigma_px": np.zeros}, "pair 0, sigma_px.*0.0 .*greater than 0"),
         ({"modes": lambda n: []}, "pair 0, modes.*wrong shape"),
     ],
 )
@@ -158,6 +164,20 @@ def test_answers_that_are_none_are_refused(
     with pytest.raises(SubmissionError, match=message):
         predict(cards, "test", Fixed(**fields), out)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_answers_may_be_tensors_of_a_network(cards: Dataset, tmp_path: Path) -> None:
+    """Torch refuses `numpy.asarray` of a tensor that requires a gradient."""
+
+    def tensor(count: int) -> torch.Tensor:
+        return torch.full((count, 2), 7.5, dtype=torch.float64, requires_grad=True)
+
+    out = tmp_path / "tensors.parquet"
+    predict(cards, "test", Fixed(uv_px=tensor, visible=lambda n: tensor(n)[:, 0] / 10), out)
+    table = pq.read_table(out)
+    assert table.column("u").to_pylist() == [7.5] * 60
+    assert table.column("visible").to_pylist() == [0.75] * 60
+    assert pliant.predict(cards, lambda source, target, uv: tensor(len(uv))).answers.uv_px.all()
 
 
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
