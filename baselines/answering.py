@@ -8,6 +8,7 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -51,15 +52,32 @@ class _Worker:
             and source.id == target.id
             and target.temporal
         ):
-            return [*answer_tracks(self._matcher, pairs, masks=self._masks)]
+            with self._named(pairs):
+                return [*answer_tracks(self._matcher, pairs, masks=self._masks)]
         return [self._one(pair) for pair in pairs]
+
+    @contextmanager
+    def _named(self, pairs: Sequence[QueryPair]) -> Iterator[None]:
+        """Add to an error of the method at which pairs it was."""
+        try:
+            yield
+        except Exception as error:
+            first, last = pairs[0], pairs[-1]
+            further = "" if first is last else f" to {last.pair_id}"
+            error.add_note(
+                f"The method {self._matcher.name!r} was at pair {first.pair_id}{further}, "
+                f"from {first.source.key} to {last.target.key}"
+            )
+            raise
 
     def _one(self, pair: QueryPair) -> Result:
         seen = pair.seen(masks=self._masks)
         masked = seen.target.mask is not None
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
-            return self._matcher.match(seen.source, seen.target), masked
-        found = self._matcher.answer(seen)
+            with self._named([pair]):
+                return self._matcher.match(seen.source, seen.target), masked
+        with self._named([pair]):
+            found = self._matcher.answer(seen)
         name, place = self._matcher.name, f"pair {pair.pair_id}"
         return checked_answers(found, len(pair), name, place), masked
 

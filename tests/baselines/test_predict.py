@@ -16,7 +16,7 @@ import torch
 
 import pliant
 from pliant.baselines import METHODS, Answers
-from pliant.baselines.predict import predict
+from pliant.baselines.predict import answer, predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
@@ -39,6 +39,19 @@ class Fixed:
     def answer(self, pair: Pair) -> Answers:
         fields = {name: make(len(pair.uv_a_px)) for name, make in self._fields.items()}
         return Answers(**{"uv_px": pair.uv_a_px + 1, **fields})
+
+
+class Raising(Fixed):
+    """Fails at its second pair."""
+
+    name = "raising"
+    asked = 0
+
+    def answer(self, pair: Pair) -> Answers:
+        self.asked += 1
+        if self.asked == 2:
+            raise KeyError("missing")
+        return super().answer(pair)
 
 
 def test_the_file_and_what_ties_it_to_its_queries(cards: Dataset, tmp_path: Path) -> None:
@@ -178,6 +191,17 @@ def test_answers_may_be_tensors_of_a_network(cards: Dataset, tmp_path: Path) -> 
     assert table.column("u").to_pylist() == [7.5] * 60
     assert table.column("visible").to_pylist() == [0.75] * 60
     assert pliant.predict(cards, lambda source, target, uv: tensor(len(uv))).answers.uv_px.all()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_exception_of_a_method_names_the_pair(cards: Dataset, workers: int) -> None:
+    with pytest.raises(KeyError, match="missing") as caught:
+        answer(cards, "test", Raising(), workers=workers)
+    (note,) = caught.value.__notes__
+    pair = cards.pairs("test")[1]
+    assert note == (
+        f"The method 'raising' was at pair 1, from {pair.source.key} to {pair.target.key}"
+    )
 
 
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
