@@ -68,7 +68,7 @@ class FrameStore:
         limit: Use the first so many sequences only; None uses all.
 
     Raises:
-        CallError: No such tier, or the split has no sequence of it.
+        CallError: No such tier, or the split has no sequence of it, or withholds the truth.
 
     Examples:
         >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
@@ -100,13 +100,14 @@ class FrameStore:
         if limit is not None:
             check_whole("limit", limit, 1)
         self.tier = named_tier(dataset, tier)
-        sequences = [s for s in dataset.sequences if s.tier == tier and s.split == split][:limit]
+        known = [s for s in dataset.sequences if s.tier == tier and s.split not in dataset.held_out]
+        sequences = [s for s in known if s.split == split][:limit]
         if not sequences:
-            held = sorted({s.split for s in dataset.sequences if s.tier == tier})
+            splits = ", ".join(sorted({s.split for s in known}))
             raise CallError(
-                f"tier {tier} has no sequence in split {split!r}",
+                f"tier {tier} has no sequence in split {split!r} with depth and dense truth",
                 path=dataset.root,
-                required=f"one of {held}",
+                required=f"one of {splits}" if splits else "a dataset of pliant generate",
             )
         self.size = size
         self.full_size = dataset.size

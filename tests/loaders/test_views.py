@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +63,13 @@ def test_unknown_tier_and_empty_split_are_refused(sheet_dataset: Dataset) -> Non
         FrameStore(sheet_dataset, "rope", "train", (80, 60))
     with pytest.raises(CallError, match="no sequence in split 'test'"):
         FrameStore(sheet_dataset, "sheet", "test", (80, 60))
+
+
+def test_withheld_truth_is_no_damaged_dataset(tmp_path: Path) -> None:
+    """Splits of imported annotations and of published tests have nothing to train on."""
+    root = write_sheet_dataset(tmp_path / "set", {"train": 1, "test": 1})
+    for held_out, required in ((["test"], "one of train"), (["test", "train"], "pliant generate")):
+        info = json.loads((root / "dataset.json").read_text())
+        (root / "dataset.json").write_text(json.dumps(info | {"held_out": held_out}))
+        with pytest.raises(CallError, match=f"split 'test' with depth and dense .*{required}"):
+            FrameStore(Dataset.open(root), "sheet", "test", (80, 60))
