@@ -207,4 +207,6 @@ class _Progress:
             texts.append(f"loss {self._latest['loss']:.3f}")
         if "val/rmse_px" in self._latest:
             texts.append(f"val RMSE {self._latest['val/rmse_px']:.1f} px")
+        if step == self._steps:
+            texts.append("measuring the trained network")
         self._bar(step, self._steps, facts=", ".join(texts))

@@ -11,6 +11,7 @@ from rich import console
 
 from pliant.cli import terminal
 from pliant.cli.terminal import Bar, duration, plural, progress_bar, rich_progress, to_call
+from pliant.cli.train import _Progress
 
 
 def test_durations_for_people() -> None:
@@ -83,6 +84,16 @@ def test_a_log_has_lines_also_before_the_first_step(
     capfd.readouterr()
     time.sleep(0.2)
     assert capfd.readouterr().err == ""  # nothing after the end
+
+
+def test_a_log_says_that_a_trained_run_is_measured() -> None:
+    """The measurements take as long as many steps, and no step comes then."""
+    bar = Bar("Training", "steps", rich_progress(hidden=True))
+    progress = _Progress(bar, 2)
+    progress(1, {"loss": 3.0})
+    assert bar.line().endswith("1 of 2 steps, loss 3.000")
+    progress(2, {"val/rmse_px": 4.0})
+    assert bar.line().endswith("loss 3.000, val RMSE 4.0 px, measuring the trained network")
 
 
 def test_json_and_terminals_have_no_lines(
