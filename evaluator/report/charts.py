@@ -66,7 +66,8 @@ def line_chart(
     of_series |= {"title": None} if len(series) > 1 else {"legend": None}
     across = {"type": "log", "nice": False} if log_x else {"zero": False}
     up = {"zero": from_zero} if highest is None else {"domain": [0, highest]}
-    mark = {"type": "line", "point": "transparent"}
+    alone = any(np.isfinite(y).sum() == 1 for _, y in series.values())  # a line needs two points
+    mark = {"type": "line", "point": True if alone else "transparent"}
     told = [_shown("series", ""), _shown("x", labels.x), _shown("y", labels.y)]
     lines = {
         "data": {"values": rows},

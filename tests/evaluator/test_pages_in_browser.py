@@ -100,6 +100,8 @@ def test_a_chart_tells_its_values_and_has_the_ink_of_the_page(
         "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
         "return [b.x + b.width / 2, b.y + b.height / 2]"
     )
+    alone = "document.querySelector('[data-chart] .mark-symbol path')"  # no line leads to it
+    assert browser.run(f"return {alone}.getAttribute('opacity')") != "0"
     browser.hover(*box)
     browser.wait("!document.querySelector('.tip').hidden")
     text = browser.run("return document.querySelector('.tip').innerText")
