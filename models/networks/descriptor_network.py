@@ -170,7 +170,8 @@ def build_network(
                 "none of the pretrained weights fits this network",
                 where="network.pretrained",
                 found=settings.pretrained,
-                required=f"weights of {settings.name}",
+                required=f"weights of {settings.name} with the same settings of `network`",
+                fix="Copy `network` of the config.yaml that the weights were trained with.",
             )
     return network
 
