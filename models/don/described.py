@@ -12,9 +12,8 @@ import torch
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
-from pliant.models.don.denoising import denoised
 from pliant.models.don.mask_repair import repaired
-from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
+from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_WIDTH, MaskNetwork
 from pliant.spec.arrays import Mask

@@ -12,13 +12,13 @@ from pliant.models.don.candidates import all_bins, object_and_background
 from pliant.models.don.settings import LossSettings
 from pliant.models.losses.contrastive import Hinge, contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
-from pliant.models.losses.lipschitz_space import (
+from pliant.models.losses.lipschitz import (
     draw_patch,
     lipschitz_space_loss,
+    lipschitz_time_loss,
     penalty_weight,
     soft_argmax,
 )
-from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 from pliant.models.losses.matches import Candidates, NonMatches, Targets
 from pliant.models.losses.orientation import orientation_loss
 from pliant.models.losses.stretch import stretch_loss

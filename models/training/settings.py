@@ -20,7 +20,7 @@ class OptimiserSettings(Settings):
     """The optimiser and its learning rate schedule.
 
     Attributes:
-        kind: `adamw`, or `muon` for the layers' weights (`models/training/muon.py`) and AdamW
+        kind: `adamw`, or `muon` for the layers' weights (`models/training/optimiser.py`) and AdamW
             for the rest.
         learning_rate: AdamW's highest value.
         matrix_rate: Muon's highest value; it follows the same schedule.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.contrast import LUMA, contrast_weights
-from pliant.loaders.inputs import NetworkInput
+from pliant.loaders.inputs import LUMA, NetworkInput, contrast_weights
 
 # Colours of one luminance, 0.299 r + 0.587 g + 0.114 b = 98.
 CYAN, VIOLET = (20, 142, 75), (150, 64, 137)

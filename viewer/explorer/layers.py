@@ -9,7 +9,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ from pliant.spec.frame import Frame
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.drawing import dimmed, heat_range
-from pliant.viewer.explorer.descriptor_colours import descriptor_colours
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder
@@ -207,3 +206,34 @@ def _palette() -> tuple[bytes, bytes]:
     alpha = np.zeros(256, np.uint8)
     alpha[1:] = np.rint(70 + 165 * share)
     return rgb.tobytes(), alpha.tobytes()
+
+
+def descriptor_colours(
+    maps: Sequence[npt.NDArray[np.floating[Any]]], masks: Sequence[npt.NDArray[np.bool_]]
+) -> list[npt.NDArray[np.float64]]:
+    """Return descriptors on the object as RGB, by their first three principal components.
+
+    Args:
+        maps: float32 (h, w, D), descriptors of several frames.
+        masks: bool (h, w), the object in each.
+
+    Returns:
+        float64 (h, w, 3), 0 to 1, white off the object; the same colours in all frames.
+    """
+    on = np.concatenate([m[mask] for m, mask in zip(maps, masks, strict=True)]).astype(np.float64)
+    if len(on) == 0:
+        return [np.ones((*mask.shape, 3)) for mask in masks]
+    mean = on.mean(axis=0)
+    _, _, directions = np.linalg.svd(on - mean, full_matrices=False)
+    directions = directions[:3]
+    if len(directions) < 3:  # fewer than three dimensions: the other channels are constant
+        directions = np.vstack([directions, np.zeros((3 - len(directions), on.shape[1]))])
+    low, high = np.percentile((on - mean) @ directions.T, [2, 98], axis=0)
+    spread = np.where(high > low, high - low, 1.0)
+    pictures = []
+    for m, mask in zip(maps, masks, strict=True):
+        colour = np.ones((*mask.shape, 3))
+        projected = (m[mask].astype(np.float64) - mean) @ directions.T
+        colour[mask] = np.clip((projected - low) / spread, 0.0, 1.0)
+        pictures.append(colour)
+    return pictures

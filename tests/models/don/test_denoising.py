@@ -8,9 +8,9 @@ import pytest
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don import described
-from pliant.models.don.denoising import denoised
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.segmentation import denoised
 from pliant.models.shipped import load_shipped
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame

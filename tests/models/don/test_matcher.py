@@ -24,7 +24,7 @@ from pliant.models.don.validation import ValidationPair, validate
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
-from pliant.viewer.explorer.descriptor_colours import descriptor_colours
+from pliant.viewer.explorer.layers import descriptor_colours
 from tests.loaders.sheet_dataset import sheet_map
 from tests.models.don.planted import SIZE, by_colour, drawn, mask_of, within
 

@@ -5,13 +5,13 @@ import math
 import pytest
 import torch
 
-from pliant.models.losses.lipschitz_space import (
+from pliant.models.losses.lipschitz import (
     draw_patch,
     lipschitz_space_loss,
+    lipschitz_time_loss,
     penalty_weight,
     soft_argmax,
 )
-from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 
 D = torch.float64
 

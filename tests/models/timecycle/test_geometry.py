@@ -10,7 +10,7 @@ import torch
 from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.affinity import affinity, soft_inlier
 from pliant.models.timecycle.cycles import grid_error
-from pliant.models.timecycle.localiser import MomentLocaliser
+from pliant.models.timecycle.network import MomentLocaliser
 from pliant.models.timecycle.placement import cell_grid, cut_patches, place
 
 SIZE = (16, 12)

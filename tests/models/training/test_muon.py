@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from pliant.models.training.muon import Muon, orthogonalised
+from pliant.models.training.optimiser import Muon, orthogonalised
 
 
 @pytest.mark.parametrize("shape", [(16, 40), (40, 16), (24, 24)])
