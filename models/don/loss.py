@@ -13,7 +13,6 @@ from pliant.models.don.settings import LossSettings
 from pliant.models.losses.contrastive import Hinge, contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
 from pliant.models.losses.lipschitz import (
-    draw_patch,
     lipschitz_space_loss,
     lipschitz_time_loss,
     penalty_weight,
@@ -60,7 +59,7 @@ def don_loss(
     mu = penalty_weight(progress, *settings.space_mu)
     parts: Figures = {settings.kind: _matching(seen, scale, settings, progress, generator)}
     if settings.space_weight > 0:
-        pixels = _space_pixels(batch, settings, generator)
+        pixels = _space_pixels(batch, settings.space_reach_m)
         parts["lipschitz_space"] = _space(seen, scale, pixels, settings, mu)
     if settings.time_weight > 0:
         parts["lipschitz_time"] = _time(seen, batch, scale, settings, mu, generator)
@@ -223,25 +222,19 @@ class _SpacePixels:
     Attributes:
         uv_px: float (B V, P, 2).
         valid: bool (B V, P).
-        near: bool (B V, P, P), which pairs count; None for all.
+        near: bool (B V, P, P), which pairs count.
     """
 
     uv_px: torch.Tensor
     valid: torch.Tensor
-    near: torch.Tensor | None
+    near: torch.Tensor
 
 
-def _space_pixels(
-    batch: Mapping[str, torch.Tensor], settings: LossSettings, generator: torch.Generator | None
-) -> _SpacePixels:
-    if settings.space_pairs == "disc":
-        mask = batch["mask"].flatten(0, 1)
-        uv, valid = draw_patch(mask, settings.space_radius_px, settings.space_pixels, generator)
-        return _SpacePixels(uv, valid, None)
+def _space_pixels(batch: Mapping[str, torch.Tensor], reach_m: float) -> _SpacePixels:
     seen = batch["visible"][..., 0]
     views = seen.shape[1]
     both = seen & seen.roll(-1, 1)  # here and in the view that it is predicted into
-    near = (batch["distance_m"] <= settings.space_reach_m)[:, None].expand(-1, views, -1, -1)
+    near = (batch["distance_m"] <= reach_m)[:, None].expand(-1, views, -1, -1)
     return _SpacePixels(
         batch["uv_px"][:, :, :, 0].flatten(0, 1), both.flatten(0, 1), near.flatten(0, 1)
     )

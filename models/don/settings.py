@@ -59,11 +59,7 @@ class LossSettings(Settings):
         space_weight: Weight of the Lipschitz condition in space, 0 for none.
         space_constant: Its constant.
         space_mu: (first, last) value of mu, growing geometrically.
-        space_pairs: Between which pixels: those of a `disc` in the image, or the points of the
-            sample that are near on the material (`geodesic`).
-        space_reach_m: Geodesic: largest distance on the material, metres.
-        space_radius_px: Disc: its radius.
-        space_pixels: Disc: how many of its pixels.
+        space_reach_m: Largest distance on the material between two points that it compares, metres.
         time_weight: Weight of the Lipschitz condition in time, 0 for none; it needs pairs of
             one episode (`pairs.pairing` sequence or next).
         time_constant: Its constant.
@@ -96,10 +92,7 @@ class LossSettings(Settings):
     space_weight: NonNegative = 0.0
     space_constant: Positive = 2.0
     space_mu: Annotated[Range, Bounds(0, above=True)] = (0.01, 1.0)
-    space_pairs: Literal["disc", "geodesic"] = "disc"
     space_reach_m: Positive = 0.04
-    space_radius_px: float = 6.0
-    space_pixels: Annotated[int, Bounds(2)] = 12
     time_weight: NonNegative = 0.0
     time_constant: Positive = 1.5
     orientation_weight: NonNegative = 0.0

@@ -5,8 +5,8 @@ predicted for them (soft-argmax),
 
     L = mean over pairs (i, j)  max(0, mu ( ||x̂_a,i - x̂_a,j|| - lipschitz ||x_b,i - x_b,j|| )).
 
-The pixels are those of a small disc, or material points that are near each other on the material:
-a disc of the image may show two strands, between which the truth itself violates the condition.
+The pixels are those of material points that are near each other on the material: a disc of the
+image may show two strands, between which the truth itself violates the condition.
 The penalty weight mu grows on a schedule, as in a penalty method.
 
 In time, a small action moves a point by no more than a little. With x_b a pixel of a frame, x̂_a
@@ -40,7 +40,7 @@ def lipschitz_space_loss(
     predicted_uv_px: torch.Tensor,
     pixel_uv_px: torch.Tensor,
     valid: torch.Tensor,
-    near: torch.Tensor | None = None,
+    near: torch.Tensor,
     *,
     lipschitz: float,
     mu: float,
@@ -51,7 +51,7 @@ def lipschitz_space_loss(
         predicted_uv_px: float (N, P, 2), where the pixels are predicted to be.
         pixel_uv_px: float (N, P, 2), the pixels themselves.
         valid: bool (N, P).
-        near: bool (N, P, P), symmetric: the pairs that count; None for all.
+        near: bool (N, P, P), symmetric: the pairs that count.
         lipschitz: The constant, > 0: how far neighbours may be stretched.
         mu: Penalty weight, >= 0.
 
@@ -64,40 +64,9 @@ def lipschitz_space_loss(
     moved = predicted_uv_px[:, first] - predicted_uv_px[:, second]  # (N, pairs, 2)
     apart = (pixel_uv_px[:, first] - pixel_uv_px[:, second]).norm(dim=-1)
     stretched = ((moved**2).sum(dim=-1) + _TINY).sqrt()
-    both = valid[:, first] & valid[:, second]
-    if near is not None:
-        both = both & near[:, first, second]
+    both = valid[:, first] & valid[:, second] & near[:, first, second]
     violation = (mu * (stretched - lipschitz * apart)).clamp_min(0)
     return (violation * both).sum() / both.sum().clamp_min(1)
-
-
-def draw_patch(
-    mask: torch.Tensor, radius_px: float, count: int, generator: torch.Generator | None = None
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Draw pixels of the object from one small disc in each image.
-
-    Args:
-        mask: bool (N, h, w).
-        radius_px: Radius of the disc.
-        count: Pixels P, with replacement where the disc holds fewer.
-        generator: Source of randomness, on the mask's device.
-
-    Returns:
-        uv_px float32 (N, P, 2), pixel centres; valid bool (N, P), False where an image shows
-        no object.
-    """
-    height, width = mask.shape[-2:]
-    seen = mask.flatten(1)
-    some = seen.any(dim=1, keepdim=True)
-    weights = torch.where(some, seen, torch.ones_like(seen)).float()
-    numbers = torch.arange(height * width, device=mask.device)
-    centres = torch.stack([numbers % width, numbers // width], dim=-1) + 0.5  # (h w, 2)
-    middle = torch.multinomial(weights, 1, generator=generator)  # (N, 1)
-    gap = (centres[None] - centres[middle]).norm(dim=-1)
-    drawn = torch.multinomial(
-        weights * (gap <= radius_px), count, replacement=True, generator=generator
-    )
-    return centres[drawn], some.expand(-1, count)
 
 
 def penalty_weight(progress: float, start: float, end: float) -> float:

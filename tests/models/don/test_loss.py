@@ -114,9 +114,8 @@ def test_chunks_and_bins(batch: Batch) -> None:
     assert run(batch, truth, bin_px=2) < 0.5 * run(batch, truth.flip(0), bin_px=2)
 
 
-@pytest.mark.parametrize("pairs", ["disc", "geodesic"])
-def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch, pairs: str) -> None:
-    options: dict[str, Any] = {"space_weight": 1.0, "space_mu": (1.0, 1.0), "space_pairs": pairs}
+def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch) -> None:
+    options: dict[str, Any] = {"space_weight": 1.0, "space_mu": (1.0, 1.0)}
     truth = material_map(batch, sharpness=2.0)
     wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 20
 
@@ -126,8 +125,7 @@ def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch, p
 
     assert cost(truth) < 0.01
     assert cost(wrong) > 0.1
-    if pairs == "geodesic":  # no two points are so near
-        assert cost(wrong, 1e-6) == 0
+    assert cost(wrong, 1e-6) == 0  # no two points are so near
 
 
 def crossing_rope() -> Batch:
@@ -155,9 +153,8 @@ def crossing_rope() -> Batch:
 def test_the_truth_fulfils_the_condition_between_points_that_are_near_on_the_material() -> None:
     """Between points within 6 px in the figure of eight it does not, where the strands cross."""
     crossing = crossing_rope()
-    settings = LossSettings(space_weight=1.0, space_pairs="geodesic")
-    pixels = _space_pixels(crossing, settings, None)
-    assert pixels.near is not None
+    settings = LossSettings()
+    pixels = _space_pixels(crossing, settings.space_reach_m)
     true = pixels.uv_px.roll(-1, 0)  # the prediction is the truth
     apart = torch.cdist(pixels.uv_px, pixels.uv_px)[0].triu(1)
     violated = torch.cdist(true, true)[0] > settings.space_constant * apart
@@ -166,7 +163,7 @@ def test_the_truth_fulfils_the_condition_between_points_that_are_near_on_the_mat
     assert float((violated & near).sum() / near.sum()) < 0.01
     assert float((violated & disc).sum() / disc.sum()) > 0.05
 
-    def cost(pairs: torch.Tensor | None) -> float:
+    def cost(pairs: torch.Tensor) -> float:
         uv, seen = pixels.uv_px, pixels.valid
         return float(lipschitz_space_loss(true, uv, seen, pairs, lipschitz=2.0, mu=1.0))
 
@@ -177,9 +174,9 @@ def test_the_truth_fulfils_the_condition_between_points_that_are_near_on_the_mat
 def test_points_hidden_in_the_next_view_are_left_out() -> None:
     crossing = crossing_rope()
     crossing["visible"][0, 1, 3] = False
-    settings = LossSettings(space_weight=1.0, space_pairs="geodesic")
-    assert _space_pixels(crossing, settings, None).valid[:, 3].tolist() == [False, False]
-    assert int(_space_pixels(crossing, settings, None).valid.sum()) == 2 * 119
+    valid = _space_pixels(crossing, LossSettings().space_reach_m).valid
+    assert valid[:, 3].tolist() == [False, False]
+    assert int(valid.sum()) == 2 * 119
 
 
 def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:

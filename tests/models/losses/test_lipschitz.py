@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from pliant.models.losses.lipschitz import (
-    draw_patch,
     lipschitz_space_loss,
     lipschitz_time_loss,
     penalty_weight,
@@ -32,9 +31,9 @@ def test_space_by_hand(hidden: list[int], near: tuple[int, int] | None, expected
     predicted = torch.tensor([[[0.0, 0], [4, 0], [5, 0]]], dtype=D)
     valid = torch.ones(1, 3, dtype=torch.bool)
     valid[0, hidden] = False
-    pairs = None
+    pairs = torch.ones(1, 3, 3, dtype=torch.bool)
     if near is not None:
-        pairs = torch.zeros(1, 3, 3, dtype=torch.bool)
+        pairs[:] = False
         pairs[0, near, near[::-1]] = True
     loss = lipschitz_space_loss(predicted, pixels, valid, pairs, lipschitz=2.0, mu=0.5)
     assert float(loss) == pytest.approx(expected)
@@ -53,7 +52,8 @@ def test_time_by_hand() -> None:
 def test_nothing_to_compare_costs_nothing() -> None:
     pixels = torch.zeros(1, 2, 2, dtype=D)
     none = torch.zeros(1, 2, dtype=torch.bool)
-    assert float(lipschitz_space_loss(pixels, pixels, none, lipschitz=1.0, mu=1.0)) == 0.0
+    pairs = torch.ones(1, 2, 2, dtype=torch.bool)
+    assert float(lipschitz_space_loss(pixels, pixels, none, pairs, lipschitz=1.0, mu=1.0)) == 0.0
     action = torch.tensor([math.inf], dtype=D)
     assert float(lipschitz_time_loss(pixels, pixels, action, ~none, lipschitz=1.0, mu=1.0)) == 0.0
 
@@ -66,12 +66,13 @@ def test_gradients_reach_the_descriptors(kind: str) -> None:
     grid = torch.rand(2, 9, 2, dtype=D, generator=g) * 20
     pixels = torch.rand(2, 6, 2, dtype=D, generator=g) * 4
     valid = torch.ones(2, 6, dtype=torch.bool)
+    near = torch.ones(2, 6, 6, dtype=torch.bool)
     action = torch.tensor([0.5, 1.0], dtype=D)
 
     def loss(values: torch.Tensor) -> torch.Tensor:
         predicted = soft_argmax(values.log_softmax(dim=-1), grid)
         if kind == "space":
-            return lipschitz_space_loss(predicted, pixels, valid, lipschitz=0.3, mu=1.0)
+            return lipschitz_space_loss(predicted, pixels, valid, near, lipschitz=0.3, mu=1.0)
         return lipschitz_time_loss(predicted, pixels, action, valid, lipschitz=1.0, mu=1.0)
 
     assert torch.autograd.gradcheck(loss, (logits,))
@@ -82,9 +83,8 @@ def test_gradients_reach_the_descriptors(kind: str) -> None:
 def test_equal_predictions_have_a_finite_gradient() -> None:
     predicted = torch.zeros(1, 3, 2, dtype=D, requires_grad=True)
     pixels = torch.zeros(1, 3, 2, dtype=D)
-    loss = lipschitz_space_loss(
-        predicted, pixels, torch.ones(1, 3, dtype=torch.bool), lipschitz=1.0, mu=1.0
-    )
+    valid, near = torch.ones(1, 3, dtype=torch.bool), torch.ones(1, 3, 3, dtype=torch.bool)
+    loss = lipschitz_space_loss(predicted, pixels, valid, near, lipschitz=1.0, mu=1.0)
     (gradient,) = torch.autograd.grad(loss, (predicted,))
     assert bool(torch.isfinite(gradient).all())
 
@@ -93,13 +93,3 @@ def test_mu_grows_geometrically() -> None:
     assert penalty_weight(0.0, 0.01, 1.0) == pytest.approx(0.01)
     assert penalty_weight(0.5, 0.01, 1.0) == pytest.approx(0.1)
     assert penalty_weight(2.0, 0.01, 1.0) == pytest.approx(1.0)
-
-
-def test_patches_are_discs_on_the_object() -> None:
-    mask = torch.zeros(2, 20, 30, dtype=torch.bool)
-    mask[0, 5:15, 5:25] = True
-    uv, valid = draw_patch(mask, 3.0, 8, torch.Generator().manual_seed(0))
-    assert valid.tolist() == [[True] * 8, [False] * 8]
-    column, row = uv[0].long().T
-    assert mask[0, row, column].all()
-    assert float(torch.pdist(uv[0]).max()) <= 6.0
