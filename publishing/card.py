@@ -22,7 +22,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
-from pliant.spec.storage.packing import FEATURES, ROWS
+from pliant.spec.storage.packing import FRAMES, ROWS, hub_features
 
 _PICTURES: Final = 12
 _QUALITY: Final = 88
@@ -135,8 +135,8 @@ def _sharded(root: Path, folder: str, dataset: Dataset) -> list[tuple[str, str]]
 def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
     frames = sum(sequence.frames for sequence in dataset.sequences)
     shown: dict[str, Mapping[str, Mapping[str, Any]]] = {
-        "frames": FEATURES,
-        "pairs": pairs.FEATURES,
+        "frames": hub_features(FRAMES),
+        "pairs": hub_features(pairs.SCHEMA),
     }
     shown = {name: shown[name] for name in shown if (root / name).is_dir()}
     return {

@@ -6,7 +6,7 @@ The dataset viewer of the Hugging Face Hub shows them; Pliant itself does not re
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,37 +17,21 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io import limits
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.storage import layout
+from pliant.spec.storage.packing import IMAGE, hub_features
 
 _GROUP_PAIRS: Final = 16
 _QUERIES: Final = ("u_a", "v_a")
 _ANSWERS: Final = ("u_b", "v_b", "visibility_b")
 
-FEATURES: Final[dict[str, Mapping[str, Any]]] = {
-    "pair_id": {"dtype": "int32", "_type": "Value"},
-    "tier": {"dtype": "string", "_type": "Value"},
-    "frame_a": {"dtype": "string", "_type": "Value"},
-    "frame_b": {"dtype": "string", "_type": "Value"},
-    "image_a": {"_type": "Image"},
-    "image_b": {"_type": "Image"},
-    **{
-        name: {"feature": {"dtype": "float32", "_type": "Value"}, "_type": "List"}
-        for name in (*_QUERIES, *_ANSWERS[:2])
-    },
-    "visibility_b": {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
-}
-"""The columns in the words of Hugging Face `datasets`."""
-
-_IMAGE: Final = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
-_TYPES: Final = {"int32": pa.int32(), "string": pa.string(), "float32": pa.float32()}
-
-
-def _arrow(kind: Mapping[str, Any]) -> pa.DataType:
-    if kind["_type"] == "Image":
-        return _IMAGE
-    return pa.list_(_arrow(kind["feature"])) if "feature" in kind else _TYPES[kind["dtype"]]
-
-
-SCHEMA: Final = pa.schema([pa.field(name, _arrow(kind)) for name, kind in FEATURES.items()])
+SCHEMA: Final = pa.schema(
+    [
+        ("pair_id", pa.int32()),
+        *[(name, pa.string()) for name in ("tier", "frame_a", "frame_b")],
+        *[(name, IMAGE) for name in ("image_a", "image_b")],
+        *[(name, pa.list_(pa.float32())) for name in (*_QUERIES, *_ANSWERS[:2])],
+        ("visibility_b", pa.list_(pa.string())),
+    ]
+)
 
 
 def write_pairs(dataset: Dataset, root: Path) -> None:
@@ -57,7 +41,7 @@ def write_pairs(dataset: Dataset, root: Path) -> None:
         dataset: The public half, packed.
         root: Its folder.
     """
-    features = json.dumps({"info": {"features": FEATURES}}, sort_keys=True)
+    features = json.dumps({"info": {"features": hub_features(SCHEMA)}}, sort_keys=True)
     schema = SCHEMA.with_metadata({"huggingface": features})
     for split in dataset.splits_with_queries():
         if not dataset.has(layout.truth_name(split)):

@@ -28,7 +28,7 @@ from pliant.spec.tables import CORRESPONDENCES, INDEX
 SHARD_BYTES: Final = 500_000_000
 _INDEX_GROUP_FILES: Final = 4096
 
-_IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
+IMAGE: Final = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
 
 FRAMES: Final = pa.schema(
     [
@@ -36,7 +36,7 @@ FRAMES: Final = pa.schema(
         pa.field("tier", pa.string(), nullable=False),
         pa.field("shape", pa.string()),
         pa.field("frame", pa.int32(), nullable=False),
-        pa.field("image", _IMAGE, nullable=False),
+        pa.field("image", IMAGE, nullable=False),
         pa.field("depth_exr", pa.binary()),
         pa.field("fx", pa.float64()),
         pa.field("fy", pa.float64()),
@@ -69,17 +69,23 @@ ROWS: Final = pa.schema(
 )
 """The correspondences of all sequences, each row with what it is of the material."""
 
-FEATURES: Final[dict[str, dict[str, Any]]] = {
-    "sequence": {"dtype": "string", "_type": "Value"},
-    "tier": {"dtype": "string", "_type": "Value"},
-    "shape": {"dtype": "string", "_type": "Value"},
-    "frame": {"dtype": "int32", "_type": "Value"},
-    "image": {"_type": "Image"},
-    "depth_exr": {"dtype": "binary", "_type": "Value"},
-    **{name: {"dtype": "float64", "_type": "Value"} for name in ("fx", "fy", "cx", "cy")},
-    "world_to_camera": {"feature": {"dtype": "float64", "_type": "Value"}, "_type": "List"},
-}
-"""`FRAMES` in the words of Hugging Face `datasets`: without them an image is but a struct."""
+_HUB_NAMES: Final = {"float": "float32", "double": "float64"}
+
+
+def hub_features(schema: pa.Schema) -> dict[str, Any]:
+    """Return the columns of a table in the words of Hugging Face `datasets`.
+
+    Without them an image is but a struct.
+    """
+    return {column.name: _hub_feature(column.type) for column in schema}
+
+
+def _hub_feature(kind: pa.DataType) -> dict[str, Any]:
+    if pa.types.is_struct(kind):
+        return {"_type": "Image"}
+    if pa.types.is_list(kind):
+        return {"feature": _hub_feature(kind.value_type), "_type": "List"}
+    return {"dtype": _HUB_NAMES.get(str(kind), str(kind)), "_type": "Value"}
 
 
 @dataclass(frozen=True)
@@ -202,7 +208,7 @@ class Packer:
             text = json.dumps({"spec_version": SPEC_VERSION, **footer}, sort_keys=True)
             metadata: dict[bytes | str, str] = {FOOTER_KEY: text}
             if folder == "frames":
-                features = {"info": {"features": FEATURES}}
+                features = {"info": {"features": hub_features(FRAMES)}}
                 metadata["huggingface"] = json.dumps(features, sort_keys=True)
             schema = _SCHEMAS[folder].with_metadata(metadata)
             self._shards[key] = Shards(
