@@ -112,6 +112,35 @@ def test_moving_the_pointer_shows_truth_answers_and_heat(page: Page) -> None:
     page.browser.wait(f"!{HEAT}")
 
 
+def test_another_pair_shows_nothing_of_the_one_before(page: Page) -> None:
+    page.open()
+    page.answered()
+    assert page.browser.run(f"return {HEAT}")
+    page.browser.keys("n")
+    page.answered("–")
+    assert (page.cell(0, 2), page.browser.run(f"return {HEAT}")) == ("–", None)
+    marks = """const canvas = document.querySelector('#picture-b canvas');
+    const { width, height } = canvas;
+    return canvas.getContext('2d').getImageData(0, 0, width, height).data.some(Boolean);
+    """
+    assert not page.browser.run(marks)
+
+
+def test_a_damaged_file_is_named(page: Page) -> None:
+    """The answer of the server to a truth that cannot be read."""
+    page.open()
+    page.answered()
+    page.browser.run(
+        """
+        const ask = window.fetch, said = JSON.stringify({ error: "depth.exr: damaged" });
+        window.fetch = where => where.startsWith("api/truth")
+            ? Promise.resolve(new Response(said, { status: 422 })) : ask(where);
+        """
+    )
+    page.browser.hover(*page.at(*first_query(page.explorer)))
+    page.browser.wait("document.getElementById('status').textContent === 'depth.exr: damaged'")
+
+
 def test_the_background_has_no_answer(page: Page) -> None:
     page.open(link_of(page.explorer))
     page.browser.hover(*page.at(1, 1))

@@ -24,10 +24,10 @@ export function start(catalogue) {
   }));
   onChange(changed => {
     if (changed.has("a") || changed.has("b")) warm();
-    if (["a", "b", "u", "v"].some(name => changed.has(name))) ask();
+    if (["a", "b", "u", "v"].some(name => changed.has(name))) ask(header);
     if (changed.has("method") || changed.has("heat") || changed.has("opacity") || changed.has("pinned")) write(header);
   });
-  warm(); ask(); write(header);
+  warm(); ask(header); write(header);
 }
 
 let preparing = "";
@@ -52,10 +52,10 @@ export function positions() { return truth && !truth.failed ? { a: truth.xyz_a, 
 const asked = () => ({ a: state.a, b: state.b, u: state.u, v: state.v });
 const same = where => Object.entries(asked()).every(([name, value]) => where[name] === value);
 
-function ask() {
+function ask(header) {
   if (state.u === null) {
     truth = null; answers = data.methods.map(() => null);
-    document.dispatchEvent(new Event("answered"));
+    write(header);
     return;
   }
   rows.forEach((row, k) => row.row.classList.toggle("busy", data.methods[k].kind === "live"));
@@ -124,7 +124,7 @@ function status(known, usable) {
   else if (truth === null) text = usable.some(Boolean) ? "The truth of this point is not known." : "No object here: move over it.";
   if (state.pinned) text += " Pinned: click again to release.";
   if (warning) text += ` ${warning}`;
-  if (wrong && known) text = wrong;
+  if (wrong && truth) text = wrong;
   $("status").textContent = text;
-  $("status").classList.toggle("warn", Boolean(warning || (wrong && known)));
+  $("status").classList.toggle("warn", Boolean(warning || (wrong && truth)));
 }
