@@ -15,18 +15,9 @@ from pliant.service.leaderboard import Board, Row
 from pliant.service.models import FINAL, Score, State, Submission, Team, Version
 from pliant.service.submissions import NotAcceptedError, queue_position
 from pliant.service.teams import Identity
+from pliant.spec.errors import Issue
 
 Figures = dict[str, dict[str, float | None]]
-
-
-class Issue(BaseModel):
-    """A problem of a file: its stable code, the place, what was found and what is required."""
-
-    code: str
-    severity: str
-    path: str
-    where: str
-    message: str
 
 
 class ScoreView(BaseModel):
