@@ -32,7 +32,7 @@ _BALL_RIM_PX: Final = 2.0
 def repaired(
     mask: Mask, objects: Mask | None, found: tuple[Mask, Mask | None]
 ) -> tuple[Mask, Mask | None] | None:
-    """Return corrected masks of a rope, or None for masks that are kept.
+    """Return corrected masks of a rope, or with its ball, or None for masks that are kept.
 
     Exact masks and those found in the picture have contours 0.4 to 0.9 px apart on average,
     damaged ones 1.0 to 1.6 px; the half-width of an exact mask is 0.0 to 0.6 px from its median on
@@ -45,9 +45,15 @@ def repaired(
         found: The same as found in the picture.
 
     Returns:
-        Two such masks; the ball is as it was given.
+        Two such masks. The ball is as it was given, and where none was, the one in the picture.
     """
     px = mask.shape[1] / _PICTURE_WIDTH
+    kept: tuple[Mask, Mask | None] | None = None
+    if objects is None and found[1] is not None:
+        ball = found[1] & ~found[0]
+        if (ball & _near(mask, _REACH_PX * px)).any():
+            mask, objects = mask & ~ball, mask | ball
+            kept = mask, objects
     shown = mask if objects is None else mask | objects
     seen = found[0] if found[1] is None else found[0] | found[1]
     ragged = _unevenness(mask) >= _UNEVEN_PX * px and (
@@ -58,7 +64,7 @@ def repaired(
         not MaskShape.of(*found).several_ropes
     )
     if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
-        return None
+        return kept
     # Pixels of the ball found in the picture are not added to the rope, also where the given ball
     # is in another place.
     added = seen if objects is None else found[0]

@@ -57,7 +57,21 @@ def test_exact_masks_are_kept_also_where_the_picture_misleads(
     rope: Mask, ball: Mask, found: Masks
 ) -> None:
     assert repaired(rope, rope | ball, found) is None
-    assert repaired(rope | ball, None, found) is None
+    assert repaired(rope, None, (found[0], None)) is None
+
+
+@pytest.mark.parametrize("with_ball", [False, True])
+def test_the_ball_of_a_mask_of_all_or_of_the_rope_alone_is_the_one_in_the_picture(
+    rope: Mask, ball: Mask, found: Masks, with_ball: bool
+) -> None:
+    masks = repaired(rope | ball if with_ball else rope, None, found)
+    assert masks is not None
+    assert masks[1] is not None
+    assert overlap(masks[0], rope) > 0.97
+    assert overlap(masks[1] & ~masks[0], ball) > 0.85
+    away = np.roll(found[1] & ~found[0], -60, axis=0) if found[1] is not None else ball
+    assert not (away & rope).any()
+    assert repaired(rope, None, (found[0] & ~away, found[0] | away)) is None, "it is another object"
     half = found[0].copy()
     half[:, : half.shape[1] // 2] = False
     assert repaired(rope, rope | ball, (half, half | ball)) is None
