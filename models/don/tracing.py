@@ -19,6 +19,8 @@ does not overrule them, since it is often sure of the wrong strand at a crossing
 
 A rope without a ball has two ends alike, and each reading runs either way. Then p' is the mean of
 two such distributions, one for either way; all answers of a pair are the medians of the same one.
+Where no ball is known of either view, but not that there is none, the answers run the way that the
+descriptors say, which is a guess if there is none: p' is the mean of both ways all the same.
 """
 
 from __future__ import annotations
@@ -78,6 +80,11 @@ class TracedView:
         """Whether all objects are known, and a rope without a ball is the only one."""
         mask, objects = self.view.mask, self.view.objects
         return mask is not None and objects is not None and not (objects & ~mask).any()
+
+    @property
+    def ball_unknown(self) -> bool:
+        """Whether a rope is known and no ball, which may be there all the same."""
+        return self.view.mask is not None and self.view.objects is None
 
     def along(self) -> torch.Tensor:
         """Return the descriptors along the traces, float (T, S, D)."""
@@ -152,7 +159,7 @@ class TracedPlaces:
         weight: float64 (K,), sums to 1.
         sigma_px: Standard deviation of a place.
         other_way_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
-            other way; None where its ends are distinguished.
+            other way; None where a ball distinguishes its ends.
     """
 
     uv_px: npt.NDArray[np.float64]
@@ -260,10 +267,13 @@ def traced_places(
         return np.stack([placed(traces[b], located_in[a]) for a, b in pairs])
 
     one = carried(target.traces)
-    if not either_way:
+    guessed = source.ball_unknown and target.ball_unknown
+    if not either_way and not guessed:
         return TracedPlaces(one, weight, sigma_px)
-    # Readings start at either end: those that run against the first one change sides.
     other = carried([replace(each, uv_px=each.uv_px[::-1]) for each in target.traces])
+    if guessed:
+        return TracedPlaces(one, weight, sigma_px, other)
+    # Readings start at either end: those that run against the first one change sides.
     against = [np.linalg.norm(way - one[0], axis=-1).mean(axis=1) for way in (one, other)]
     swapped = (against[1] < against[0])[:, None, None]
     one, other = np.where(swapped, other, one), np.where(swapped, one, other)

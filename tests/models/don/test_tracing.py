@@ -83,12 +83,29 @@ def test_a_rope_with_ends_alike_has_two_answers() -> None:
     np.testing.assert_allclose(found.refined(near), found.uv_px[0], atol=0.2)
 
 
-def test_a_ball_or_an_unknown_object_leaves_one_answer() -> None:
+def test_a_ball_in_either_view_leaves_one_answer() -> None:
     queries = np.array([[22.0, 10.0]], dtype=np.float32)
-    for view in (line_view(ends_alike=False), line_view(ends_alike=True, known=False)):
-        found = traced_places(view, view, torch.tensor(1.0), queries)
+    ball, unknown = line_view(ends_alike=False), line_view(ends_alike=True, known=False)
+    for source, target in ((ball, ball), (ball, unknown), (unknown, ball)):
+        found = traced_places(source, target, torch.tensor(1.0), queries)
         assert found is not None
         assert found.other_way_px is None
+
+
+def test_where_no_ball_is_known_the_descriptors_answer_and_the_other_way_is_as_likely() -> None:
+    view = line_view(ends_alike=True, known=False)
+    ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)
+    source, target = replace(view, descriptors=ramp), replace(view, descriptors=ramp.flip(2))
+    queries = np.array([[22.0, 10.0]], dtype=np.float32)
+    found = traced_places(source, target, torch.tensor(1.0), queries)
+    assert found is not None
+    assert found.other_way_px is not None
+    way = found.weight @ found.uv_px[:, 0, 0]
+    np.testing.assert_allclose([way, 80 - way], [58, 22], atol=0.5)  # the target runs the other way
+    candidates = np.array([[22.0, 10.0], [58.0, 10.0], [40.0, 10.0]])
+    even = torch.full((1, 3), 1 / 3).log()
+    p = found.either_way(found.weighed_in(even, candidates), even, candidates).exp().numpy()
+    np.testing.assert_allclose(p, [[0.5, 0.5, 0]], atol=0.01)
 
 
 def test_plausible_traces_that_agree_have_the_weight() -> None:
