@@ -25,6 +25,7 @@ from pliant.spec.arrays import FloatArray, Mask
 _WORKING_WIDTH: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
 _DECIDED: Final = 0.9
+_LEAST_ROPE: Final = 0.2
 _MARGIN_PX: Final = 4
 _TABLE_PX: Final = 12.0
 _DARKEST: Final = -2.5
@@ -66,8 +67,10 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     if objects is None:
         return None
     ball = ball_in(objects, _working(seen.rope, shape), _working(seen.first, shape))
-    with_ball = _enlarged(objects | ball, shape) if ball.any() else None
-    return _enlarged(objects & ~ball, shape), with_ball
+    rope = _enlarged(objects & ~ball, shape)
+    if seen.rope.shape[1] > _WORKING_WIDTH:  # it knows the edges better than the smaller picture
+        rope &= cv2.resize(seen.rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
+    return rope, rope | _enlarged(ball, shape) if ball.any() else None
 
 
 def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Mask | None:
