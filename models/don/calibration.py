@@ -55,6 +55,7 @@ class _Pair:
     """One pair's probabilities and truth, of the points visible in the target."""
 
     log_p: torch.Tensor  # (Q, M)
+    doubt: float  # `mean_doubt` of what the answers are read from
     uv: torch.Tensor  # (M, 2)
     answer: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
     truth: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
@@ -75,21 +76,12 @@ def calibrate(
     """
     searched = _searched(matcher, pairs, full_size)
     distances, hidden = searched.distances, searched.hidden
-    straight, apart = searched.pairs["straight"], {}
-    for kind in ("tilted", "either_way"):
-        own = searched.pairs[kind]
-        if min(len(straight), len(own)) < _LEAST_PAIRS:
-            straight = straight + own
-        else:
-            apart[kind] = own
+    sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
+    best = _fit_by_kind(sharp, searched.pairs, matcher.size, full_size)
     if matcher.reader.finds_masks:
         bare = [pair.without_masks() for pair in pairs[:_UNMASKED_PAIRS]]
-        found = _searched(matcher, bare, full_size).pairs.values()
-        apart["unmasked"] = list(itertools.chain.from_iterable(found))
-    sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
-    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
-    for kind, own in apart.items():
-        best = _changed(best, kind, _fit_by_doubt(sharp, own, matcher.size, full_size))
+        found = _searched(matcher, bare, full_size).pairs
+        best = _changed(best, "unmasked", _fit_by_kind(sharp, found, matcher.size, full_size))
     if best.visible_slope == 0:
         return best
     shown = ~hidden
@@ -135,15 +127,36 @@ def _searched(
         truth = target.forward(pair.uv_b_px[seen, 0]).astype(np.float64) * own
         kind = "tilted" if source.tilted or target.tilted else "straight"
         kind = "either_way" if found.either_way else kind
-        kept[kind].append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
+        shown = torch.from_numpy(seen)
+        doubt = mean_doubt(found.deciding[shown], found.uv_px)
+        kept[kind].append(_Pair(found.log_p[shown], doubt, found.uv_px, answer, truth))
     return _Searched(kept, np.concatenate(distances), np.concatenate(hidden))
+
+
+def _fit_by_kind(
+    start: Calibration,
+    pairs: Mapping[str, list[_Pair]],
+    size: tuple[int, int],
+    full_size: tuple[int, int],
+) -> Calibration:
+    """Return a calibration for each kind of `_Searched` that has enough pairs."""
+    straight, apart = pairs["straight"], {}
+    for kind in ("tilted", "either_way"):
+        if min(len(straight), len(pairs[kind])) < _LEAST_PAIRS:
+            straight = straight + pairs[kind]
+        else:
+            apart[kind] = pairs[kind]
+    best = _fit_by_doubt(start, straight, size, full_size)
+    for kind, own in apart.items():
+        best = _changed(best, kind, _fit_by_doubt(start, own, size, full_size))
+    return best
 
 
 def _fit_by_doubt(
     start: Calibration, pairs: Sequence[_Pair], size: tuple[int, int], full_size: tuple[int, int]
 ) -> Calibration:
     """Return a calibration for each group of pairs, from the least doubtful to the most."""
-    doubts = np.array([mean_doubt(pair.log_p, pair.uv) for pair in pairs])
+    doubts = np.array([pair.doubt for pair in pairs])
     groups = np.clip(len(pairs) // _PAIRS_A_GROUP, 1, _MOST_GROUPS)
     fitted: Calibration | None = None
     above = np.inf

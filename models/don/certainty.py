@@ -89,19 +89,16 @@ class Calibration:
         return cls(**own)
 
     def for_views(self, *, tilted: bool, unmasked: bool, either_way: bool) -> Calibration:
-        """Return what holds for views of a kind: masks that were found matter most, a tilt least.
+        """Return what holds for views of a kind: with masks or without, then by the kind of view.
 
         Args:
             tilted: Whether one of them was rectified.
             unmasked: Whether one of them came without masks.
             either_way: Whether they show a rope whose ends look alike.
         """
-        kinds = (
-            (unmasked, self.unmasked),
-            (either_way, self.either_way),
-            (tilted, self.tilted),
-        )
-        return next((own for holds, own in kinds if holds and own is not None), self)
+        known = self.unmasked if unmasked and self.unmasked is not None else self
+        kinds = ((either_way, known.either_way), (tilted, known.tilted))
+        return next((own for holds, own in kinds if holds and own is not None), known)
 
     def where(self, log_p: torch.Tensor, uv_px: torch.Tensor) -> Calibration:
         """Return what holds for one pair of views.

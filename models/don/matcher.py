@@ -149,9 +149,7 @@ class DonMatcher:
                 tilted=from_view.tilted or in_view.tilted,
                 unmasked=unmasked,
                 either_way=found.either_way,
-            ).where(
-                found.deciding if found.traced is None or unmasked else found.log_p, found.uv_px
-            )
+            ).where(found.deciding, found.uv_px)
         position = self.decoded(found, in_view.view)
         return Decided(from_view, in_view, found, calibration, position)
 

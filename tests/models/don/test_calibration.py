@@ -140,6 +140,8 @@ def test_of_several_calibrations_that_of_found_masks_holds_first_and_a_tilts_las
     assert known.for_views(tilted=True, unmasked=False, either_way=True) is either
     assert known.for_views(tilted=True, unmasked=False, either_way=False) is tilted
     assert known.for_views(tilted=False, unmasked=False, either_way=False) is known
+    apart = Calibration(tilted=either, unmasked=Calibration(tilted=tilted))
+    assert apart.for_views(tilted=True, unmasked=True, either_way=False) is tilted
     older = Calibration(tilted=tilted)
     assert older.for_views(tilted=True, unmasked=True, either_way=True) is tilted
     assert older.for_views(tilted=False, unmasked=True, either_way=True) is older
