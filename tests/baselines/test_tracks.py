@@ -44,7 +44,7 @@ class Counter:
             number = int(view.key.split("/")[1])
             self.shown[-1].append(number)
             at = np.stack([uv_px[:, 0], np.full(len(uv_px), number)], axis=1)
-            yield Answers(at.astype(np.float32), visible=uv_px[:, 0])
+            yield Answers(at.astype(np.float32), visible=uv_px[:, 0] / 1024)
 
 
 AskPair = Callable[..., QueryPair]
@@ -83,7 +83,7 @@ def test_points_of_all_pairs_are_one_track(pair: AskPair) -> None:
     assert results[0][0].uv_px.tolist() == [[1, 2], [3, 2]]
     assert results[1][0].uv_px.tolist() == [[3, 1], [7, 1]]
     assert results[1][0].visible is not None
-    assert results[1][0].visible.tolist() == [3, 7]
+    assert results[1][0].visible.tolist() == [3 / 1024, 7 / 1024]
 
 
 def test_a_track_with_missing_answers_is_refused(pair: AskPair) -> None:

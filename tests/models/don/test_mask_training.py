@@ -32,7 +32,7 @@ def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
     rgb, rope, ball, shadow = scene()
     p_rope, p_objects = network.found(rgb)
     assert p_objects[ball].mean() > 0.8
-    assert p_objects[shadow].mean() < 0.05
+    assert p_objects[shadow].mean() < 0.1
     assert overlap(p_rope > 0.5, rope) > 0.8
     # A picture of another size is seen at the same width.
     halved = network.found(np.ascontiguousarray(rgb[::2, ::2]))
