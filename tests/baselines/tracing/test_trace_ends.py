@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.baselines.tracing import rope_traces
-from pliant.baselines.tracing.hypotheses import Ball, from_end_to_end, to_the_edge
+from pliant.baselines.tracing.ends import Ball, from_end_to_end, to_the_edge
 
 HALF_PX = 4.0
 BALL = Ball(np.array([50.0, 60.0]), 15.0)

@@ -12,7 +12,8 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pliant.spec.io.exr import Surface, check_chunks, read_header, read_surface, write_surface
+from pliant.spec.io.exr import Surface, read_header, read_surface, write_surface
+from pliant.spec.io.exr_chunks import check_chunks
 from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.io.reading import FileRefusedError
 
