@@ -2,7 +2,7 @@
 
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
 from pliant.baselines.tracing.rectification import rectified, untilted
 from pliant.baselines.tracing.reframing import Reframed, border_rgb
 from pliant.baselines.tracing.rope_tracer import RopeTracer
@@ -21,6 +21,7 @@ __all__ = [
     "Trace",
     "ball_remarks",
     "border_rgb",
+    "has_ball",
     "located",
     "mask_remarks",
     "overlap",

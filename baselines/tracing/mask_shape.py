@@ -77,6 +77,13 @@ def mask_remarks(source: MaskShape | None, target: MaskShape | None) -> list[str
     return [remark for remark in found if remark]
 
 
+def has_ball(view: Frame) -> bool | None:
+    """Return whether a rope has a ball, or None where its masks do not tell."""
+    if view.mask is None or view.objects is None:
+        return None
+    return bool((view.objects & ~view.mask).any())
+
+
 def ball_remarks(source: Frame, target: Frame) -> list[str]:
     """Return what a user should know of ropes on which no ball is known, as sentences.
 
@@ -87,7 +94,7 @@ def ball_remarks(source: Frame, target: Frame) -> list[str]:
     bare = [
         name
         for name, view in (("source", source), ("target", target))
-        if view.mask is not None and (view.objects is None or not (view.objects & ~view.mask).any())
+        if view.mask is not None and not has_ball(view)
     ]
     if not bare:
         return []

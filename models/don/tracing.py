@@ -35,7 +35,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from scipy.special import softmax
 
-from pliant.baselines.tracing import Likelihood, MaskShape, Trace, located, placed
+from pliant.baselines.tracing import Likelihood, MaskShape, Trace, has_ball, located, placed
 from pliant.baselines.tracing.settings import TRACING
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 from pliant.spec.frame import Frame
@@ -78,13 +78,12 @@ class TracedView:
     @property
     def ends_alike(self) -> bool:
         """Whether all objects are known, and a rope without a ball is the only one."""
-        mask, objects = self.view.mask, self.view.objects
-        return mask is not None and objects is not None and not (objects & ~mask).any()
+        return has_ball(self.view) is False
 
     @property
     def ball_unknown(self) -> bool:
         """Whether a rope is known and no ball, which may be there all the same."""
-        return self.view.mask is not None and self.view.objects is None
+        return self.view.mask is not None and has_ball(self.view) is None
 
     def along(self) -> torch.Tensor:
         """Return the descriptors along the traces, float (T, S, D)."""
