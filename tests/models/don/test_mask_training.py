@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from scipy import ndimage
 
 from pliant.models.don.mask_training import (
     SAMPLINGS,
@@ -32,7 +33,9 @@ def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
     rgb, rope, ball, shadow = scene()
     p_rope, p_objects = network.found(rgb)
     assert p_objects[ball].mean() > 0.8
-    assert p_objects[shadow].mean() < 0.1
+    # The network's output cells are 2 px wide, so the object's edge reaches 1 px into the shadow.
+    beyond = shadow & ~ndimage.binary_dilation(rope | ball)
+    assert p_objects[beyond].mean() < 0.05
     assert overlap(p_rope > 0.5, rope) > 0.8
     # A picture of another size is seen at the same width.
     halved = network.found(np.ascontiguousarray(rgb[::2, ::2]))
