@@ -1,11 +1,13 @@
 """Following a rope through its mask, from one end to the other."""
 
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
+from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
 from pliant.baselines.tracing.rectification import rectified, untilted
 from pliant.baselines.tracing.reframing import Reframed, border_rgb
 from pliant.baselines.tracing.rope_tracer import RopeTracer
+from pliant.baselines.tracing.strands import Skeleton
 from pliant.baselines.tracing.tilt import Nadir
 from pliant.baselines.tracing.transfer import Located, located, placed
 
@@ -18,9 +20,11 @@ __all__ = [
     "Overlap",
     "Reframed",
     "RopeTracer",
+    "Skeleton",
     "Trace",
     "ball_remarks",
     "border_rgb",
+    "half_width_px",
     "has_ball",
     "located",
     "mask_remarks",

@@ -53,6 +53,16 @@ def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
     return np.minimum(distance, reach_px)
 
 
+def half_width_px(depth_px: FloatArray) -> float:
+    """Return about half of a rope's width, px.
+
+    Args:
+        depth_px: float64, depths in its mask, from `depth_in_mask`.
+    """
+    inner = depth_px[depth_px > 1]
+    return 1.15 * float(np.median(inner)) if len(inner) else 1.0
+
+
 def ridge(depth_px: FloatArray, least_px: float) -> Mask:
     """Return the pixels that are as deep as any of the 5x5 around them: the middle of a strand.
 

@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageFilter
 
+from pliant.baselines.tracing.bridging import bridged
 from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import (
     depth_in_mask,
     farthest_pixels,
+    half_width_px,
     shrunk,
     working_factor,
 )
@@ -91,7 +93,8 @@ def rope_traces(
 ) -> list[Trace]:
     """Return the ways to read a mask as one rope.
 
-    They start at the rope's ball where there is one, and at both ends else. With a likelihood,
+    Gaps in it are bridged first (`bridging.py`). Readings start at the rope's ball where there is
+    one, and at both ends else. With a likelihood,
     paths sampled from the model of `chain.py` are added: they need no start.
 
     Args:
@@ -107,14 +110,17 @@ def rope_traces(
     small = shrunk(mask, factor)
     if small.sum() < TRACING.shortest_steps:
         return []
-    depth = depth_in_mask(small)
-    half_px = _half_px(depth)
-    whole_px = _half_px(depth_in_mask(without_small_holes(small)))
     other = np.zeros_like(small)
     if objects is not None:
         other = shrunk(objects & ~mask, factor)
     opened = _opened(other)
     ball = Ball.of_mask(opened, factor) if opened.any() else None
+    shown = small | other
+    mask = bridged(mask, small, factor, ball)
+    small = shrunk(mask, factor)
+    depth = depth_in_mask(small)
+    half_px = half_width_px(depth)
+    whole_px = half_width_px(depth_in_mask(without_small_holes(small)))
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)
     deep_px = max(float(np.percentile(depth[small], 80)), 0.8)
@@ -124,6 +130,7 @@ def rope_traces(
     if likelihood is not None:
         pixels = np.argwhere(small | other)
         found = likelihood((pixels[:, ::-1] + 0.5) * factor)
+        found[~shown[tuple(pixels.T)]] = 1.0  # what covers the rope says nothing of it
         evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
     if not paths:
@@ -137,12 +144,6 @@ def rope_traces(
         traces.append(_measured(whole, small, whole_px, factor, middles.usual_px / 2, below))
     long = [trace for trace in traces if trace.length_px > 0]  # a rope that is one pixel is none
     return sorted(long, key=lambda trace: -trace.score)
-
-
-def _half_px(depth_px: FloatArray) -> float:
-    """Return about half of a rope's width, of the depths in its mask."""
-    inner = depth_px[depth_px > 1]
-    return 1.15 * float(np.median(inner)) if len(inner) else 1.0
 
 
 def _walked(

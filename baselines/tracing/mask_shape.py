@@ -58,7 +58,7 @@ class MaskShape:
         if self.several_ropes:
             return (
                 f"The mask of the {name} shows more than one rope (parts: {self.parts}, loose "
-                f"ends: {self.ends}): give a mask of one rope."
+                f"ends: {self.ends}), or one that is covered in places: give a mask of one rope."
             )
         if self.has_ball:
             return f"The mask of the {name} contains a ball, which was taken for rope."

@@ -26,7 +26,7 @@ from pliant.spec.arrays import FloatArray, Mask
 
 
 @dataclass(frozen=True)
-class _Strand:
+class Strand:
     """A part of the skeleton between two nodes.
 
     Attributes:
@@ -44,11 +44,51 @@ class _Strand:
         return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
 
 
+@dataclass(frozen=True)
+class Skeleton:
+    """The skeleton of a mask as a graph.
+
+    It is taken of an enlarged mask where strands are thin: the holes of a tight knot are a few
+    pixels, and crossings less than a strand's width apart.
+
+    Attributes:
+        strands: The strands, in pixels of the enlarged mask.
+        loose: The nodes that are loose ends.
+        half_px: About half of a strand's width there.
+        scale: How many times it is enlarged.
+        corner_px: float64 (2,), the mask's pixel that is its corner.
+    """
+
+    strands: list[Strand]
+    loose: frozenset[int]
+    half_px: float
+    scale: int
+    corner_px: FloatArray
+
+    @classmethod
+    def of(cls, mask: Mask, half_px: float, most: int) -> Skeleton:
+        """Return the skeleton of a mask.
+
+        Args:
+            mask: bool (H, W), not empty.
+            half_px: About half of a strand's width.
+            most: Strands looked for; of a mask with more, one more is returned.
+        """
+        box = ndimage.find_objects(mask.astype(np.uint8))[0]
+        corner = np.array([box[1].start, box[0].start], dtype=np.float64)
+        scale = math.ceil(TRACING.strands_half_px / half_px)
+        scale = max(1, min(scale, TRACING.strands_side_px // max(mask[box].shape)))
+        fine = _enlarged(mask[box], scale)
+        strands, loose = _graph(thinned(fine), half_px * scale, most)
+        return cls(strands, frozenset(loose), half_px * scale, scale, corner)
+
+    def in_mask(self, line: FloatArray) -> FloatArray:
+        """Return places (N, 2) of the enlarged mask as places of the mask."""
+        return np.asarray(line / self.scale + self.corner_px)
+
+
 def straightest_paths(mask: Mask, half_px: float, start: FloatArray | None) -> list[FloatArray]:
     """Return paths that pass the strands of a mask.
-
-    The skeleton is taken of an enlarged mask where strands are thin: the holes of a tight knot are
-    a few pixels, and crossings less than a strand's width apart.
 
     Args:
         mask: bool (H, W), one rope.
@@ -60,29 +100,24 @@ def straightest_paths(mask: Mask, half_px: float, start: FloatArray | None) -> l
     """
     if not mask.any():
         return []
-    box = ndimage.find_objects(mask.astype(np.uint8))[0]
-    corner = np.array([box[1].start, box[0].start], dtype=np.float64)
-    scale = math.ceil(TRACING.strands_half_px / half_px)
-    scale = max(1, min(scale, TRACING.strands_side_px // max(mask[box].shape)))
-    fine = _enlarged(mask[box], scale)
-    fine_px = half_px * scale
-    strands, loose = _graph(thinned(fine), fine_px)
+    found = Skeleton.of(mask, half_px, TRACING.strands_most)
+    strands, loose = found.strands, found.loose
     if not 0 < len(strands) <= TRACING.strands_most:
         return []
     begins = sorted(loose) or sorted({node for strand in strands for node in strand.nodes})
     if len(loose) == 2:
         begins = begins[:1]  # the others are the same walks backwards
     if start is not None:
-        place = (start - corner) * scale
+        place = (start - found.corner_px) * found.scale
         ends = [(each.line[-end], each.nodes[end]) for each in strands for end in (0, 1)]
         begins = [min(ends, key=lambda end: float(np.linalg.norm(end[0] - place)))[1]]
-    found = _Search(strands, frozenset(loose), fine_px).walks(begins)
+    walks = _Search(strands, loose, found.half_px).walks(begins)
     lines = (
         np.concatenate([strands[number].line[:: 1 - 2 * end] for number, end in walk])
-        for walk in itertools.islice(found, TRACING.strands_paths)
+        for walk in itertools.islice(walks, TRACING.strands_paths)
     )
-    smooth = (ndimage.gaussian_filter1d(line, fine_px, axis=0, mode="nearest") for line in lines)
-    return [line / scale + corner for line in smooth]
+    smooth = (ndimage.gaussian_filter1d(e, found.half_px, axis=0, mode="nearest") for e in lines)
+    return [found.in_mask(line) for line in smooth]
 
 
 def _enlarged(mask: Mask, scale: int) -> Mask:
@@ -131,8 +166,8 @@ _JOINT = (_BEGUN > 2) | _SQUARE  # four lines may meet in a square of four pixel
 _TABLES = tuple(_tables())
 
 
-def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, FloatArray]]:
-    """Return the strands of a skeleton, and the places (u, v) of the nodes that are loose ends."""
+def _graph(skeleton: Mask, half_px: float, most: int) -> tuple[list[Strand], set[int]]:
+    """Return the first strands of a skeleton, and the nodes that are loose ends."""
     framed = np.pad(skeleton, 1)
     places = np.argwhere(framed)[:, ::-1] - 0.5  # (u, v)
     joint = _JOINT[_codes(framed, np.flatnonzero(framed))]
@@ -140,7 +175,7 @@ def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, Flo
     if joint.any():  # one crossing of two strands has several
         in_node = cKDTree(places[joint]).query(places)[0] <= half_px
         others = np.flatnonzero(~in_node)
-        for part in _parts(places[others]):  # and what is left between them
+        for part in _parts(places[others], most):  # and what is left between them
             in_node[others[part]] = len(part) < half_px
     nodes, node_of = csgraph.connected_components(_links(places[in_node]), directed=False)
     free = places[~in_node]
@@ -148,10 +183,10 @@ def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, Flo
     if nodes:
         gap, nearest = cKDTree(places[in_node]).query(free)
         node_at = np.where(gap < 2.5, node_of[nearest] + 1, 0)
-    strands: list[_Strand] = []
-    loose: dict[int, FloatArray] = {}
-    for part in _parts(free):
-        if len(strands) > TRACING.strands_most:
+    strands: list[Strand] = []
+    loose: set[int] = set()
+    for part in _parts(free, most):
+        if len(strands) > most:
             break
         line = free[part]
         ends = [int(node_at[each]) for each in (part[0], part[-1])]
@@ -161,16 +196,17 @@ def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, Flo
         for end in (0, 1):
             if ends[end] == 0:
                 nodes += 1
-                ends[end], loose[nodes] = nodes, line[-end]
-        strands.append(_Strand(line, (ends[0], ends[1])))
+                ends[end] = nodes
+                loose.add(nodes)
+        strands.append(Strand(line, (ends[0], ends[1])))
     return strands, loose
 
 
-def _parts(places: FloatArray) -> Iterator[npt.NDArray[np.int64]]:
+def _parts(places: FloatArray, most: int) -> Iterator[npt.NDArray[np.int64]]:
     """Yield the lines among pixels, the numbers of each in order; nothing for too many lines."""
     links = _links(places)
     count, part_of = csgraph.connected_components(links, directed=False)
-    if count > 10 * TRACING.strands_most:  # most of them would have to be spurs
+    if count > 10 * most:  # most of them would have to be spurs
         return
     for first in np.unique(part_of, return_index=True)[1]:
         end = _from(links, int(first))[-1]
@@ -202,7 +238,7 @@ class _Search:
         half_px: Half of a strand's width.
     """
 
-    strands: list[_Strand]
+    strands: list[Strand]
     loose: frozenset[int]
     half_px: float
 

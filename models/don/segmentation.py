@@ -20,6 +20,7 @@ from scipy import ndimage
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
+from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import FloatArray, Mask
 
 _WORKING_WIDTH: Final = 320
@@ -70,7 +71,8 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     rope = _enlarged(objects & ~ball, shape)
     if seen.rope.shape[1] > _WORKING_WIDTH:  # it knows the edges better than the smaller picture
         rope &= cv2.resize(seen.rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
-    return rope, rope | _enlarged(ball, shape) if ball.any() else None
+    rope, own = of_one_rope(rgb, rope, _enlarged(ball, shape) if ball.any() else None)
+    return rope, None if own is None else rope | own
 
 
 def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Mask | None:

@@ -1,0 +1,158 @@
+"""Bridges over the gaps of a mask, where the rope is covered.
+
+Loose ends that face each other are one rope. Of two ends with the directions d and e, out of the
+mask, and the vector g from the first to the second one, the cost is
+
+    angle(d, g)^2 + angle(e, -g)^2 + 0.02 |g| / h,
+
+with h half of the rope's width. The cheapest bridges are built first, one at each end: between
+parts that are not connected yet, or between further ends of one part. A bridge is a band as wide
+as the rope along the cubic Hermite curve with these directions. A ball that is away from its rope
+is an end without a direction.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from PIL import Image, ImageDraw
+from scipy import ndimage
+
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, half_width_px
+from pliant.baselines.tracing.ends import Ball
+from pliant.baselines.tracing.settings import TRACING
+from pliant.baselines.tracing.strands import Skeleton
+from pliant.spec.arrays import FloatArray, Mask
+
+_BALL: Final = 0  # the number of its part
+_STATIONS: Final = 24
+_BESIDE_BALL: Final = (
+    1.6  # radii of the ball, and two half widths: an end there is its rope's first
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """A loose end of a mask.
+
+    Attributes:
+        part: The number of the connected part.
+        place: float64 (2,), (u, v).
+        outward: float64 (2,), the unit vector out of the mask; None of a ball.
+    """
+
+    part: int
+    place: FloatArray
+    outward: FloatArray | None
+
+    def turn(self, way: FloatArray) -> float | None:
+        """Return the angle between its direction and a unit vector, rad; None of a ball."""
+        if self.outward is None:
+            return None
+        return float(np.arccos(np.clip(self.outward @ way, -1, 1)))
+
+
+def bridged(mask: Mask, small: Mask, factor: int, ball: Ball | None) -> Mask:
+    """Return a rope's mask with its gaps bridged; one without gaps is returned itself.
+
+    Args:
+        mask: bool (H, W), the rope.
+        small: bool (h, w), the same with fewer pixels.
+        factor: Pixels of `mask` per pixel of `small`.
+        ball: The rope's ball, in pixels of `mask`, or None.
+    """
+    depth = depth_in_mask(small)
+    half_px = half_width_px(depth)
+    labels, _ = ndimage.label(small, np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    parts = [int(k) for k in np.flatnonzero(sizes >= TRACING.bridge_least * half_px**2)]
+    lonely = ball is not None and _gap(small, ball, factor) > TRACING.bridge_ball * half_px
+    if len(parts) + lonely < 2:
+        return mask
+    ends = [end for part in parts for end in _loose_ends(labels == part, half_px, part)]
+    if ball is not None:
+        middle, radius = ball.middle_px / factor, ball.radius_px / factor
+        at_ball = _BESIDE_BALL * radius + 2 * half_px
+        ends = [end for end in ends if np.linalg.norm(end.place - middle) > at_ball]
+        if lonely:
+            ends.append(_End(_BALL, middle, None))
+    bridges = list(_bridges(ends, half_px, 2 if ball is None else 1))
+    if not bridges:
+        return mask
+    picture = Image.fromarray(mask).convert("L")
+    drawing = ImageDraw.Draw(picture)
+    width = max(1, round(2 * half_px / 1.15 * factor))
+    for one, other in bridges:
+        curve = _curve(one, other) * factor - 0.5  # Pillow has pixel centres at whole numbers
+        drawing.line([tuple(place) for place in curve], fill=255, width=width, joint="curve")
+    return np.asarray(picture) > 0
+
+
+def _gap(mask: Mask, ball: Ball, factor: int) -> float:
+    """Return how far a ball is from a mask, pixels of the mask."""
+    places = np.argwhere(mask)[:, ::-1] + 0.5
+    away = np.linalg.norm(places - ball.middle_px / factor, axis=1).min(initial=np.inf)
+    return float(away) - ball.radius_px / factor
+
+
+def _loose_ends(mask: Mask, half_px: float, part: int) -> Iterator[_End]:
+    skeleton = Skeleton.of(np.pad(mask, 1), half_px, TRACING.strands_most)
+    reach = max(2, round(TRACING.bridge_reach * skeleton.half_px))
+    for strand in skeleton.strands:
+        for end in (0, 1):
+            if strand.nodes[end] in skeleton.loose:
+                place = skeleton.in_mask(strand.line[-end]) - 1
+                yield _End(part, place, -strand.leaving(end, reach))
+
+
+def _bridges(ends: list[_End], half_px: float, free: int) -> Iterator[tuple[_End, _End]]:
+    """Yield the pairs of ends that are bridged.
+
+    Args:
+        ends: The loose ends.
+        half_px: Half of the rope's width.
+        free: Ends that stay loose.
+    """
+    pairs = itertools.combinations(ends, 2)
+    ranked = sorted((_cost(*pair, half_px), number, pair) for number, pair in enumerate(pairs))
+    group = {end.part: end.part for end in ends}
+    left = set(ends)
+    for cost, _, (one, other) in ranked:
+        if one not in left or other not in left:
+            continue
+        first, second = group[one.part], group[other.part]
+        spare = len(left) > free + 1
+        if cost < TRACING.bridge_most if first != second else cost < TRACING.bridge_own and spare:
+            group = {part: first if own == second else own for part, own in group.items()}
+            left -= {one, other}
+            yield one, other
+
+
+def _cost(one: _End, other: _End, half_px: float) -> float:
+    """Return the cost of a bridge, rad²."""
+    gap = other.place - one.place
+    length = max(float(np.linalg.norm(gap)), 1e-6)
+    turns = [one.turn(gap / length), other.turn(-gap / length)]
+    known = [turn for turn in turns if turn is not None]
+    squares = 2 * float(np.mean(np.square(known)))
+    return squares + TRACING.bridge_length * length / half_px
+
+
+def _curve(one: _End, other: _End) -> FloatArray:
+    """Return places on the curve from one end to another, float64 (N, 2)."""
+    gap = other.place - one.place
+    length = float(np.linalg.norm(gap))
+    first = gap if one.outward is None else length * one.outward
+    last = gap if other.outward is None else -length * other.outward
+    s = np.linspace(0, 1, _STATIONS)[:, None]
+    return np.asarray(
+        (2 * s**3 - 3 * s**2 + 1) * one.place
+        + (s**3 - 2 * s**2 + s) * first
+        + (3 * s**2 - 2 * s**3) * other.place
+        + (s**3 - s**2) * last
+    )

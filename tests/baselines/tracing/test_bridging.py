@@ -1,0 +1,75 @@
+"""Gaps in masks of ropes, cut into curves drawn here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pliant.baselines.tracing import rope_traces
+from pliant.baselines.tracing.bridging import bridged
+from pliant.baselines.tracing.depth_in_mask import shrunk, working_factor
+from pliant.baselines.tracing.ends import Ball
+
+HALF_PX = 6.0
+S = np.linspace(0, 1, 2000)
+WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
+V, U = np.mgrid[:480, :640] + 0.5
+
+
+def drawn(line: np.ndarray, half_px: float = HALF_PX) -> np.ndarray:
+    """A strand of a half width along a line."""
+    gap, _ = cKDTree(line).query(np.stack([U, V], axis=-1))
+    return np.asarray(gap < half_px)
+
+
+def made_whole(mask: np.ndarray, ball: Ball | None = None) -> np.ndarray:
+    """The mask with its gaps bridged."""
+    factor = working_factor(mask)
+    return bridged(mask, shrunk(mask, factor), factor, ball)
+
+
+@pytest.mark.parametrize("width_px", [20, 60])
+def test_a_gap_is_bridged_along_the_curve(width_px: int) -> None:
+    rope = drawn(WAVE)
+    cover = np.abs(U - 240) < width_px / 2
+    whole = made_whole(rope & ~cover)
+    assert not (whole & ~cover & ~rope).sum() > 0.01 * rope.sum()
+    assert (whole & rope & cover).sum() > 0.5 * (rope & cover).sum()
+    traced = rope_traces(rope & ~cover)[0]
+    assert traced.length_px == pytest.approx(rope_traces(rope)[0].length_px, rel=0.02)
+    far, _ = cKDTree(WAVE).query(traced.uv_px)
+    assert far.max() < 6
+
+
+def test_two_gaps_are_bridged_each_to_its_own_side() -> None:
+    rope = drawn(WAVE)
+    cover = (np.abs(U - 250) < 25) | (np.abs(U - 420) < 25)
+    whole = made_whole(rope & ~cover)
+    assert (whole & rope).sum() > 0.9 * rope.sum()
+    assert (whole & ~rope).sum() < 0.04 * rope.sum()
+
+
+def test_a_mask_without_gaps_comes_back_itself() -> None:
+    rope = drawn(WAVE)
+    assert made_whole(rope) is rope
+
+
+def test_ends_that_do_not_face_each_other_are_left() -> None:
+    """Two ropes side by side: joining them would need a turn back."""
+    straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
+    both = drawn(straight) | drawn(straight + np.array([0, 80]))
+    assert made_whole(both) is both
+
+
+def test_a_ball_that_is_away_is_bridged_to_and_keeps_its_end() -> None:
+    """The cover lies between the ball and the rope: the trace begins at the ball."""
+    rope = drawn(WAVE)
+    middle = WAVE[0]
+    ball = np.hypot(U - middle[0], V - middle[1]) < 16
+    cover = U < 150
+    mask, objects = rope & ~cover & ~ball, (rope & ~cover) | ball
+    whole = made_whole(mask, Ball(middle, 16.0))
+    assert (whole & rope & cover).sum() > 0.5 * (rope & cover & ~ball).sum()
+    begin = rope_traces(mask, objects)[0].uv_px[0]
+    assert np.linalg.norm(begin - middle) < 24

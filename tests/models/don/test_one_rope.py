@@ -1,0 +1,84 @@
+"""Telling one rope from cables in a mask, on pictures drawn here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pliant.models.don.one_rope import of_one_rope
+from pliant.spec.arrays import Mask
+
+S = np.linspace(0, 1, 2000)
+V, U = np.mgrid[:480, :640] + 0.5
+WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
+CROSSING = np.stack([250 + 60 * S, 60 + 360 * S], axis=1)
+APART = np.stack([80 + 300 * S, 430 + 20 * np.sin(4 * S)], axis=1)
+TABLE, ROPE, CABLE = (120, 120, 120), (200, 170, 60), (40, 60, 160)
+
+
+def drawn(line: np.ndarray, half_px: float) -> Mask:
+    """A strand of a half width along a line."""
+    gap, _ = cKDTree(line).query(np.stack([U, V], axis=-1))
+    return np.asarray(gap < half_px)
+
+
+def painted(*parts: tuple[Mask, tuple[int, int, int]]) -> np.ndarray:
+    """A table with things on it, each over those before it, with a little noise."""
+    rgb = np.full((480, 640, 3), TABLE, float)
+    for mask, colour in parts:
+        rgb[mask] = colour
+    noise = np.random.default_rng(0).normal(0, 4, rgb.shape)
+    return np.asarray((rgb + noise).clip(0, 255).astype(np.uint8))
+
+
+def iou(one: Mask, other: Mask) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+@pytest.mark.parametrize("half_px", [7.0, 3.5])
+@pytest.mark.parametrize("colour", [CABLE, ROPE])
+def test_cables_of_another_colour_or_width_go(half_px: float, colour: tuple[int, int, int]) -> None:
+    if half_px == 7.0 and colour == ROPE:
+        pytest.skip("nothing distinguishes these")
+    rope = drawn(WAVE, 7.0)
+    cables = drawn(CROSSING, half_px) | drawn(APART, half_px)
+    found, ball = of_one_rope(painted((cables, colour), (rope, ROPE)), rope | cables, None)
+    assert iou(found, rope) > 0.93
+    assert ball is None
+
+
+def test_the_rope_at_the_ball_is_taken_though_it_is_smaller() -> None:
+    rope, other = drawn(APART, 7.0), drawn(WAVE, 7.0)
+    ball = np.hypot(U - APART[0, 0], V - APART[0, 1]) < 17
+    rope &= ~ball
+    rgb = painted((other, CABLE), (rope, ROPE), (ball, (220, 30, 30)))
+    found, kept = of_one_rope(rgb, rope | other, ball)
+    assert iou(found, rope) > 0.93
+    assert kept is ball
+    found, _ = of_one_rope(rgb, rope | other, None)
+    assert iou(found, other) > 0.93
+
+
+def test_what_is_not_round_is_no_ball() -> None:
+    rope, other = drawn(WAVE, 7.0), drawn(APART, 5.0)
+    corner = (U > 560) & (U < 640) & (V > 20) & (V < 50)
+    rgb = painted((other, CABLE), (rope, ROPE), (corner, (220, 30, 30)))
+    found, kept = of_one_rope(rgb, rope | other, corner)
+    assert kept is None
+    assert iou(found, rope) > 0.93
+
+
+def test_the_mask_of_one_rope_is_not_touched() -> None:
+    """Also where its two halves have other colours."""
+    rope = drawn(WAVE, 7.0)
+    rgb = painted((rope, ROPE), (rope & (U > 320), CABLE))
+    found, _ = of_one_rope(rgb, rope, None)
+    assert found is rope
+
+
+def test_a_rope_under_a_cloth_keeps_both_its_parts() -> None:
+    rope = drawn(WAVE, 7.0) & (np.abs(U - 300) > 50)
+    cable = drawn(APART, 4.0)
+    found, _ = of_one_rope(painted((rope, ROPE), (cable, CABLE)), rope | cable, None)
+    assert iou(found, rope) > 0.93
