@@ -72,7 +72,7 @@ def bridged(mask: Mask, small: Mask, factor: int, ball: Ball | None) -> Mask:
     sizes[0] = 0
     parts = [int(k) for k in np.flatnonzero(sizes >= TRACING.bridge_least * half_px**2)]
     lonely = ball is not None and _gap(small, ball, factor) > TRACING.bridge_ball * half_px
-    if len(parts) + lonely < 2:
+    if not 2 <= len(parts) + lonely <= TRACING.bridge_parts:
         return mask
     ends = [end for part in parts for end in _loose_ends(labels == part, half_px, part)]
     if ball is not None:

@@ -93,6 +93,7 @@ class TracingSettings:
             and 5 find the right path less often).
         strands_side_px: But of no larger mask than this (cost).
         bridge_least: Smaller parts of a mask are not bridged to, square half widths (unrecorded).
+        bridge_parts: Masks with more parts are not bridged (cost).
         bridge_reach: Length over which the direction of a loose end is measured (compared: without
             its last one or two half widths it is no better).
         bridge_most: Largest cost of a bridge, rad² (compared: with 0.6, 1.2 and 3, ropes with
@@ -170,6 +171,7 @@ class TracingSettings:
     strands_half_px: float = 4.0
     strands_side_px: int = 2560
     bridge_least: float = 5.0
+    bridge_parts: int = 12
     bridge_reach: float = 4.0
     bridge_most: float = 1.2
     bridge_length: float = 0.02

@@ -73,3 +73,8 @@ def test_a_ball_that_is_away_is_bridged_to_and_keeps_its_end() -> None:
     assert (whole & rope & cover).sum() > 0.5 * (rope & cover & ~ball).sum()
     begin = rope_traces(mask, objects)[0].uv_px[0]
     assert np.linalg.norm(begin - middle) < 24
+
+
+def test_a_mask_of_many_specks_is_not_searched() -> None:
+    specks = (U % 16 < 6) & (V % 16 < 6)
+    assert made_whole(specks) is specks
