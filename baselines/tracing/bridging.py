@@ -22,7 +22,6 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from pliant.baselines.tracing.depth_in_mask import depth_in_mask, half_width_px
 from pliant.baselines.tracing.ends import Ball
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import Skeleton
@@ -30,9 +29,8 @@ from pliant.spec.arrays import FloatArray, Mask
 
 _BALL: Final = 0  # the number of its part
 _STATIONS: Final = 24
-_BESIDE_BALL: Final = (
-    1.6  # radii of the ball, and two half widths: an end there is its rope's first
-)
+# An end within these radii of the ball and two half widths is the one at the ball.
+_BESIDE_BALL: Final = 1.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +54,16 @@ class _End:
         return float(np.arccos(np.clip(self.outward @ way, -1, 1)))
 
 
-def bridged(mask: Mask, small: Mask, factor: int, ball: Ball | None) -> Mask:
+def bridged(mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | None) -> Mask:
     """Return a rope's mask with its gaps bridged; one without gaps is returned itself.
 
     Args:
         mask: bool (H, W), the rope.
         small: bool (h, w), the same with fewer pixels.
         factor: Pixels of `mask` per pixel of `small`.
+        half_px: About half of the rope's width, pixels of `small`.
         ball: The rope's ball, in pixels of `mask`, or None.
     """
-    depth = depth_in_mask(small)
-    half_px = half_width_px(depth)
     labels, _ = ndimage.label(small, np.ones((3, 3)))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
@@ -86,7 +83,7 @@ def bridged(mask: Mask, small: Mask, factor: int, ball: Ball | None) -> Mask:
         return mask
     picture = Image.fromarray(mask).convert("L")
     drawing = ImageDraw.Draw(picture)
-    width = max(1, round(2 * half_px / 1.15 * factor))
+    width = max(1, round(2 * half_px / 1.15 * factor))  # `half_width_px` adds 15 %
     for one, other in bridges:
         curve = _curve(one, other) * factor - 0.5  # Pillow has pixel centres at whole numbers
         drawing.line([tuple(place) for place in curve], fill=255, width=width, joint="curve")

@@ -94,8 +94,8 @@ def rope_traces(
     """Return the ways to read a mask as one rope.
 
     Gaps in it are bridged first (`bridging.py`). Readings start at the rope's ball where there is
-    one, and at both ends else. With a likelihood,
-    paths sampled from the model of `chain.py` are added: they need no start.
+    one, and at both ends else. With a likelihood, paths sampled from the model of `chain.py` are
+    added: they need no start.
 
     Args:
         mask: bool (H, W), the rope.
@@ -116,10 +116,13 @@ def rope_traces(
     opened = _opened(other)
     ball = Ball.of_mask(opened, factor) if opened.any() else None
     shown = small | other
-    mask = bridged(mask, small, factor, ball)
-    small = shrunk(mask, factor)
     depth = depth_in_mask(small)
     half_px = half_width_px(depth)
+    without_gaps = bridged(mask, small, factor, half_px, ball)
+    if without_gaps is not mask:
+        mask, small = without_gaps, shrunk(without_gaps, factor)
+        depth = depth_in_mask(small)
+        half_px = half_width_px(depth)
     whole_px = half_width_px(depth_in_mask(without_small_holes(small)))
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)

@@ -45,20 +45,20 @@ def of_one_rope(
     if not MaskShape.of(rope, None if ball is None else rope | ball).several_ropes:
         return rope, ball
     height, width = rope.shape
-    size = (_WIDTH, max(1, round(_WIDTH * height / width)))
-    small = _resized(rope, size)
-    picture = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    small_ball = None if ball is None else _resized(ball, size)
+    shape = (max(1, round(_WIDTH * height / width)), _WIDTH)
+    small = resized(rope, shape)
+    picture = cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+    small_ball = None if ball is None else resized(ball, shape)
     if small_ball is not None and not _is_round(small_ball):
         small_ball = ball = None
     kept = _kept(picture, small, small_ball)
-    return rope & _resized(kept, (width, height)), ball
+    return rope & resized(kept, rope.shape), ball
 
 
-def _resized(mask: Mask, size: tuple[int, int]) -> Mask:
-    """Return a mask at another size (width, height)."""
+def resized(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return a mask at another size (height, width), with smooth edges."""
     grey = mask.astype(np.uint8) * 255
-    return cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR) > 127
+    return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
 
 
 def _is_round(ball: Mask) -> bool:

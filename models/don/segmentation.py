@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
-from pliant.models.don.one_rope import of_one_rope
+from pliant.models.don.one_rope import of_one_rope, resized
 from pliant.spec.arrays import FloatArray, Mask
 
 _WORKING_WIDTH: Final = 320
@@ -68,10 +68,10 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     if objects is None:
         return None
     ball = ball_in(objects, _working(seen.rope, shape), _working(seen.first, shape))
-    rope = _enlarged(objects & ~ball, shape)
+    rope = resized(objects & ~ball, shape)
     if seen.rope.shape[1] > _WORKING_WIDTH:  # it knows the edges better than the smaller picture
         rope &= cv2.resize(seen.rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
-    rope, own = of_one_rope(rgb, rope, _enlarged(ball, shape) if ball.any() else None)
+    rope, own = of_one_rope(rgb, rope, resized(ball, shape) if ball.any() else None)
     return rope, None if own is None else rope | own
 
 
@@ -85,7 +85,7 @@ def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Ma
     shown = _shown(rgb, cloth)
     if shown is None:
         return None
-    return _enlarged(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
+    return resized(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
 
 
 def is_decided(likely: npt.NDArray[np.float32]) -> bool:
@@ -115,12 +115,6 @@ def _working(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> FloatAr
     size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * shape[0] / shape[1])))
     resized = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(resized, dtype=np.float64)
-
-
-def _enlarged(mask: Mask, shape: tuple[int, ...]) -> Mask:
-    """Return a mask of the working size at that of a picture (height, width)."""
-    grey = mask.astype(np.uint8) * 255
-    return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
 
 
 def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:

@@ -8,30 +8,30 @@ from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
 from pliant.baselines.tracing.bridging import bridged
-from pliant.baselines.tracing.depth_in_mask import shrunk, working_factor
+from pliant.baselines.tracing.depth_in_mask import (
+    depth_in_mask,
+    half_width_px,
+    shrunk,
+    working_factor,
+)
 from pliant.baselines.tracing.ends import Ball
+from tests.baselines.tracing.drawn_strands import U, V, drawn
 
 HALF_PX = 6.0
 S = np.linspace(0, 1, 2000)
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
-V, U = np.mgrid[:480, :640] + 0.5
-
-
-def drawn(line: np.ndarray, half_px: float = HALF_PX) -> np.ndarray:
-    """A strand of a half width along a line."""
-    gap, _ = cKDTree(line).query(np.stack([U, V], axis=-1))
-    return np.asarray(gap < half_px)
 
 
 def made_whole(mask: np.ndarray, ball: Ball | None = None) -> np.ndarray:
     """The mask with its gaps bridged."""
     factor = working_factor(mask)
-    return bridged(mask, shrunk(mask, factor), factor, ball)
+    small = shrunk(mask, factor)
+    return bridged(mask, small, factor, half_width_px(depth_in_mask(small)), ball)
 
 
 @pytest.mark.parametrize("width_px", [20, 60])
 def test_a_gap_is_bridged_along_the_curve(width_px: int) -> None:
-    rope = drawn(WAVE)
+    rope = drawn(WAVE, HALF_PX)
     cover = np.abs(U - 240) < width_px / 2
     whole = made_whole(rope & ~cover)
     assert not (whole & ~cover & ~rope).sum() > 0.01 * rope.sum()
@@ -43,7 +43,7 @@ def test_a_gap_is_bridged_along_the_curve(width_px: int) -> None:
 
 
 def test_two_gaps_are_bridged_each_to_its_own_side() -> None:
-    rope = drawn(WAVE)
+    rope = drawn(WAVE, HALF_PX)
     cover = (np.abs(U - 250) < 25) | (np.abs(U - 420) < 25)
     whole = made_whole(rope & ~cover)
     assert (whole & rope).sum() > 0.9 * rope.sum()
@@ -51,20 +51,20 @@ def test_two_gaps_are_bridged_each_to_its_own_side() -> None:
 
 
 def test_a_mask_without_gaps_comes_back_itself() -> None:
-    rope = drawn(WAVE)
+    rope = drawn(WAVE, HALF_PX)
     assert made_whole(rope) is rope
 
 
 def test_ends_that_do_not_face_each_other_are_left() -> None:
     """Two ropes side by side: joining them would need a turn back."""
     straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
-    both = drawn(straight) | drawn(straight + np.array([0, 80]))
+    both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
     assert made_whole(both) is both
 
 
 def test_a_ball_that_is_away_is_bridged_to_and_keeps_its_end() -> None:
     """The cover lies between the ball and the rope: the trace begins at the ball."""
-    rope = drawn(WAVE)
+    rope = drawn(WAVE, HALF_PX)
     middle = WAVE[0]
     ball = np.hypot(U - middle[0], V - middle[1]) < 16
     cover = U < 150

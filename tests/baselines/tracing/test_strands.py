@@ -6,21 +6,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
-from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import Nadir, Trace, rope_traces
 from pliant.baselines.tracing.centring import evenly_spaced
 from pliant.baselines.tracing.depth_in_mask import working_factor
 from pliant.baselines.tracing.strands import straightest_paths, thinned
-
-SIZE = (480, 640)
-
-
-def drawn(line: np.ndarray, half_px: float) -> np.ndarray:
-    """A strand of a half width along a line."""
-    v, u = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
-    gap, _ = cKDTree(line).query(np.stack([u, v], axis=-1))
-    return np.asarray(gap < half_px)
+from tests.baselines.tracing.drawn_strands import SIZE, drawn
 
 
 def winding(turns: float, length_px: float = 560.0, count: int = 3000) -> np.ndarray:

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import Mask
+from tests.baselines.tracing.drawn_strands import SIZE, U, V, drawn
 
 S = np.linspace(0, 1, 2000)
-V, U = np.mgrid[:480, :640] + 0.5
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
 CROSSING = np.stack([250 + 60 * S, 60 + 360 * S], axis=1)
 APART = np.stack([80 + 300 * S, 430 + 20 * np.sin(4 * S)], axis=1)
 TABLE, ROPE, CABLE = (120, 120, 120), (200, 170, 60), (40, 60, 160)
 
 
-def drawn(line: np.ndarray, half_px: float) -> Mask:
-    """A strand of a half width along a line."""
-    gap, _ = cKDTree(line).query(np.stack([U, V], axis=-1))
-    return np.asarray(gap < half_px)
-
-
 def painted(*parts: tuple[Mask, tuple[int, int, int]]) -> np.ndarray:
     """A table with things on it, each over those before it, with a little noise."""
-    rgb = np.full((480, 640, 3), TABLE, float)
+    rgb = np.full((*SIZE, 3), TABLE, float)
     for mask, colour in parts:
         rgb[mask] = colour
     noise = np.random.default_rng(0).normal(0, 4, rgb.shape)

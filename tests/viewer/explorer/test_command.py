@@ -55,7 +55,7 @@ def test_what_is_wrong_is_one_sentence(
         taken.listen()
         for call, code, message in (
             ([str(tmp_path)], 1, "dataset.json"),
-            ([data, "sifd"], 2, "there is no method"),  # for "sift", with a spelling mistake
+            ([data, "sifd"], 2, "there is no method"),  # "sift", misspelled
             ([data, "oracle"], 2, "pliant predict oracle"),
             ([data, of_other_data], 1, "pliant check"),
             ([data, str(tmp_path / "bad.parquet")], 1, "pliant check"),
