@@ -28,9 +28,11 @@ from pliant.models.training.checkpoint import (
     save_checkpoint,
     save_weights,
 )
+from pliant.models.training.interrupts import interrupts_deferred
 from pliant.models.training.optimiser import learning_rate, make_optimiser
 from pliant.models.training.processes import Processes, agree, average_gradients
 from pliant.models.training.run_folder import TENSORBOARD
+from pliant.models.training.settings import RunSettings
 from pliant.models.training.task import Task
 from pliant.spec.errors import TrainingError
 
@@ -40,6 +42,7 @@ StepProgress = Callable[[int, Mapping[str, float]], None]
 """Called after each step with the steps done and the latest figures."""
 
 _LOG_EVERY = 10
+_CRITERION = "val/criterion_px"
 
 
 def train(
@@ -70,29 +73,34 @@ def train(
     state = _start(network, optimiser, run, resume)
     stop = settings.steps if stop_at is None else min(stop_at, settings.steps)
     patience = settings.validation.patience
+
+    def conclude_step() -> bool:
+        """Validate and save where it is due; return whether the run ends here."""
+        if _validation_is_due(state, settings):
+            _validate(task, run, state, writer)
+        ended = bool(agree(float(0 < patience <= state.waited), processes))
+        last = ended or state.step in (stop, settings.steps)
+        if processes.first and (last or state.step % settings.checkpoint_every == 0):
+            _save(run, state, network, optimiser)
+        if progress is not None:
+            progress(state.step, _figures(state))
+        if ended:
+            logger.info("no better for %d validations: stopped", patience)
+        return ended
+
     with _log_writer(run, processes) as writer:
         try:
-            for batch in task.batches(state.step, stop):
-                logged = _step(task, batch, state, optimiser)
-                done = state.step == settings.steps
-                if state.step % settings.validation.every == 0 or done:
-                    logged |= _validate(task, run, state)
-                if logged:
-                    state.history.append({"step": state.step, **logged})
-                    for name, value in logged.items() if writer else ():
-                        writer.add_scalar(name, value, state.step)
-                ended = bool(agree(float(0 < patience <= state.waited), processes))
-                last = done or ended or state.step == stop
-                if processes.first and (last or state.step % settings.checkpoint_every == 0):
-                    _save(run, state, network, optimiser)
-                if progress is not None:
-                    progress(state.step, logged)
-                if ended:
-                    logger.info("no better for %d validations: stopped", patience)
-                    break
+            # A run that was interrupted while it validated has not concluded its last step.
+            if not (resume and conclude_step()):
+                for batch in task.batches(state.step, stop):
+                    with interrupts_deferred():  # half a step cannot be resumed
+                        _step(task, batch, state, optimiser, writer)
+                    if conclude_step():
+                        break
         except KeyboardInterrupt:
             if processes.first:
-                _save(run, state, network, optimiser)
+                with interrupts_deferred():
+                    _save(run, state, network, optimiser)
             raise
     return state
 
@@ -102,8 +110,9 @@ def _step(
     batch: Mapping[str, torch.Tensor],
     state: TrainingState,
     optimiser: torch.optim.Optimizer,
-) -> dict[str, float]:
-    """Take one step; return its figures where they are logged."""
+    writer: Any,
+) -> None:
+    """Take one step, and log its figures every few steps."""
     network, settings, processes = task.network, task.settings, task.processes
     step, device = state.step, processes.device
     network.train()
@@ -129,14 +138,29 @@ def _step(
     optimiser.step()
     state.step = step + 1
     _update_average(state.average, network, settings.optimiser.average, state.step)
-    if state.step % _LOG_EVERY and state.step != settings.steps:
-        return {}
-    return {
-        "loss": float(loss.detach()),
-        "learning_rate": optimiser.param_groups[0]["lr"],
-        "gradient_norm": float(norm),
-        **{name: float(value) for name, value in parts.items()},
-    }
+    if state.step % _LOG_EVERY == 0 or state.step == settings.steps:
+        figures = {
+            "loss": float(loss.detach()),
+            "learning_rate": optimiser.param_groups[0]["lr"],
+            "gradient_norm": float(norm),
+            **{name: float(value) for name, value in parts.items()},
+        }
+        _log(writer, state, figures)
+
+
+def _log(writer: Any, state: TrainingState, figures: Mapping[str, float]) -> None:
+    """Add figures of the newest step to the history and to TensorBoard's log."""
+    if not _figures(state):
+        state.history.append({"step": state.step})
+    state.history[-1].update(figures)
+    for name, value in figures.items() if writer else ():
+        writer.add_scalar(name, value, state.step)
+
+
+def _figures(state: TrainingState) -> Mapping[str, float]:
+    """Return what is logged of the newest step; empty where nothing is."""
+    newest = state.history[-1] if state.history else {}
+    return newest if newest.get("step") == state.step else {}
 
 
 def _start(
@@ -179,23 +203,33 @@ def _update_average(average: Weights, network: nn.Module, keep: float, step: int
         average[name].copy_(now[name])
 
 
-def _validate(task: Task[Any], run: Path, state: TrainingState) -> dict[str, float]:
+def _validation_is_due(state: TrainingState, settings: RunSettings) -> bool:
+    """Return whether the newest step is one to validate after and has not been validated."""
+    step, every = state.step, settings.validation.every
+    is_one = step == settings.steps or (step > 0 and step % every == 0)
+    return is_one and _CRITERION not in _figures(state)
+
+
+def _validate(task: Task[Any], run: Path, state: TrainingState, writer: Any) -> None:
     """Validate the average in process 0 and keep it if it is the best so far (or any, the last)."""
     if not task.processes.first:
-        return {}
+        return
     own = _copy(task.network)
-    task.network.load_state_dict(state.average)
-    task.network.eval()
-    figures = {f"val/{name}": value for name, value in task.validate().items()}
-    task.network.load_state_dict(own)
-    better = figures["val/criterion_px"] < state.best
-    if better:
-        state.best, state.waited = figures["val/criterion_px"], 0
-    else:
-        state.waited += 1
-    if better or task.settings.validation.keep == "last":
-        save_weights(run / BEST, state.average)
-    return figures
+    try:
+        task.network.load_state_dict(state.average)
+        task.network.eval()
+        figures = {f"val/{name}": value for name, value in task.validate().items()}
+    finally:
+        task.network.load_state_dict(own)
+    with interrupts_deferred():
+        better = figures[_CRITERION] < state.best
+        if better:
+            state.best, state.waited = figures[_CRITERION], 0
+        else:
+            state.waited += 1
+        if better or task.settings.validation.keep == "last":
+            save_weights(run / BEST, state.average)
+        _log(writer, state, figures)
 
 
 @contextmanager

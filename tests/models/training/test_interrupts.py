@@ -1,0 +1,70 @@
+"""Ctrl-C at any moment of a training: resumed, it ends as if it had not been interrupted."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.models.don.trainer import train_don
+from pliant.spec.dataset import Dataset
+from tests.models.same_runs import assert_same_runs
+from tests.models.tiny_runs import don
+
+SETTINGS = don("checkpoint_every=100")
+
+
+def interrupt_at(call: int, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that sends SIGINT at its call of this number, counted from 1."""
+    calls = 0
+
+    def interrupted(*arguments: Any, **named: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls == call:
+            os.kill(os.getpid(), signal.SIGINT)
+        return function(*arguments, **named)
+
+    return interrupted
+
+
+@pytest.fixture(scope="module")
+def whole(sheet_dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("interrupts") / "whole"
+    train_don(sheet_dataset, run, SETTINGS)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("place", "call"),
+    [
+        ("pliant.models.training.loop.average_gradients", 2),
+        ("pliant.models.training.loop._update_average", 2),
+        ("pliant.models.don.trainer.validate", 1),
+        ("pliant.models.don.trainer.validate", 2),
+        ("pliant.models.training.loop.save_weights", 1),
+        ("pliant.models.training.checkpoint.save_weights", 2),
+        ("pliant.models.don.trainer.calibrate", 1),
+    ],
+)
+def test_resumed_equals_uninterrupted(
+    sheet_dataset: Dataset,
+    whole: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    place: str,
+    call: int,
+) -> None:
+    module, _, name = place.rpartition(".")
+    function = getattr(__import__(module, fromlist=[name]), name)
+    run = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr(place, interrupt_at(call, function))
+        with pytest.raises(KeyboardInterrupt):
+            train_don(sheet_dataset, run, SETTINGS)
+    train_don(sheet_dataset, run, SETTINGS, resume=True)
+    assert_same_runs(whole, run, steps=6)
