@@ -134,6 +134,7 @@ def _train(
         **given: Values of the options of `_run_options`.
     """
     from pliant.api import load
+    from pliant.models.training.checkpoint import latest_checkpoint
     from pliant.spec.configuration import read_settings
 
     data, out, resume = given["data"], given["out"], given["resume"]
@@ -142,13 +143,17 @@ def _train(
     config = given["config"] or (begun if resume and begun.is_file() else recipe(dataset))
     chosen = read_settings(settings, config, given["overrides"])
     first = os.environ.get("RANK", "0") == "0"
-    said = f"Interrupted: continue with --resume --out {out}" if first else ""
-    with (
-        terminated_like_interrupted(said),
-        progress_bar("Training", "steps", hidden=not first) as bar,
-    ):
-        progress = _Progress(bar, chosen.steps)
-        facts = train(dataset, out, chosen, resume=resume, progress=progress)
+    try:
+        with (
+            terminated_like_interrupted(""),
+            progress_bar("Training", "steps", hidden=not first) as bar,
+        ):
+            progress = _Progress(bar, chosen.steps)
+            facts = train(dataset, out, chosen, resume=resume, progress=progress)
+    except KeyboardInterrupt:
+        if first and latest_checkpoint(out) is not None:
+            echo(f"Interrupted: continue with --resume --out {out}", err=True)
+        raise
     if not first:
         return
     if given["as_json"]:

@@ -44,6 +44,32 @@ def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    ("place", "fix"),
+    [
+        ("pliant.models.training.loop._step", "Interrupted: continue with --resume"),
+        ("pliant.models.don.trainer.draw_validation_pairs", ""),
+    ],
+)
+def test_resume_is_proposed_where_there_is_a_checkpoint(
+    sheet_dataset: Dataset,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    place: str,
+    fix: str,
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, interrupt)
+    data, out = str(sheet_dataset.root), str(tmp_path / "run")
+    assert run(["train", "don", "--data", data, "--out", out, *options(*DON)]) == 130
+    error = capfd.readouterr().err
+    assert ("--resume" in error) == bool(fix)
+    assert fix in error
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [("tier=rope", "no such tier"), ("split=test", "no sequence in split 'test'")],
 )
