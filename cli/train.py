@@ -100,19 +100,37 @@ def model(
     """
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.run import generate
+    from pliant.models.don.settings import DonSettings
     from pliant.models.model_recipe import RECIPES, make_model, read_recipe
-    from pliant.spec.configuration import settings_from
+    from pliant.spec.configuration import merged, settings_from
+    from pliant.spec.constraints import did_you_mean
     from pliant.spec.cores import cpu_cores
+    from pliant.spec.errors import CallError
 
-    shipped = RECIPES / f"{recipe}.yaml"
-    chosen = read_recipe(shipped if shipped.is_file() else Path(recipe), overrides, sequences)
-    made = make_model(
-        chosen,
-        out,
-        lambda config, folder: generate(
-            settings_from(GenerateConfig, config), folder, workers=workers or cpu_cores()
-        ),
-    )
+    shipped = {path.stem: path for path in sorted(RECIPES.glob("*.yaml"))}
+    path = shipped.get(recipe, Path(recipe))
+    if not path.exists():
+        raise CallError(
+            "no such recipe",
+            found=recipe,
+            required=f"one of {', '.join(shipped)}, or a YAML file",
+            fix=did_you_mean(recipe, shipped),
+        )
+    chosen = read_recipe(path, overrides, sequences)
+    # A wrong setting of the last stage is found before the first set is generated.
+    for name, config in chosen.sets.items():
+        settings_from(GenerateConfig, config, f"sets.{name}", path=path)
+    for stage in chosen.stages.values():
+        values = merged(chosen.settings, stage.settings)
+        settings_from(DonSettings, values, path=path, overrides=overrides)
+    with terminated_like_interrupted("Interrupted: run the same command again to continue."):
+        made = make_model(
+            chosen,
+            out,
+            lambda config, folder: generate(
+                settings_from(GenerateConfig, config), folder, workers=workers or cpu_cores()
+            ),
+        )
     echo(f"Model: {made}")
 
 

@@ -99,3 +99,25 @@ def test_wrong_recipe_is_one_sentence(text: str, message: str, tmp_path: Path) -
     path.write_text(f"name: m\nsettings: {{}}\n{sets}{text}\n")
     with pytest.raises(CallError, match=message):
         read_recipe(path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["don-rop"], "found don-rop; required: one of don-cloth, don-rope, don-towel"),
+        (["don-rope", "--set", "stepz=3"], "--set, stepz: unknown setting. Did you mean 'steps'?"),
+        (["RECIPE"], "recipe.yaml, sets.y.stepz: unknown setting"),
+    ],
+)
+def test_nothing_is_generated_for_a_wrong_call(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recipe, out = tmp_path / "recipe.yaml", tmp_path / "out"
+    recipe.write_text(
+        "name: m\nsettings: {}\nstages: {a: {sets: [x]}}\n"
+        "sets: {x: {tiers: [rope]}, y: {tiers: [rope], style: fast, stepz: 1}}\n"
+    )
+    arguments = [str(recipe) if each == "RECIPE" else each for each in arguments]
+    assert run(["train", "model", *arguments, "--sequences", "2", "--out", str(out)]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
