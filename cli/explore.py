@@ -16,9 +16,9 @@ from pliant.cli.terminal import plural
 @click.argument("answers", metavar="[REPORT|SUB.parquet|METHOD]…", nargs=-1)
 @click.option(
     "--truth",
-    metavar="DIR",
+    metavar="TRUTH",
     type=PATH,
-    help="The private half of a published dataset, which brings the withheld truth.",
+    help="The split's truth, or `pliant publish`'s private half, where the dataset has none.",
 )
 @port_options
 def command(
@@ -38,7 +38,7 @@ def command(
 
     dataset = load(data)
     if truth is not None:
-        dataset = dataset.with_private(truth)
+        dataset = dataset.with_private(truth) if truth.is_dir() else dataset.with_truth(truth)
     explorer = open_explorer(dataset, answers, open_method)
     names = ", ".join(method.name for method in explorer.methods) or "no methods"
     subject = f"{dataset.id}: {plural(len(dataset.sequences), 'sequence')}, {names}"

@@ -16,14 +16,20 @@ from pliant.spec.calls import check_whole
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
-from pliant.spec.io.parquet import read_table
+from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import Tier
 from pliant.spec.opening import check_names, check_version, tiers_of
 from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.sequence import RecordedFrame, SequenceRecord, decoded_images
 from pliant.spec.storage import layout
-from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, storage_of
+from pliant.spec.storage.files import (
+    Files,
+    LayeredFiles,
+    LocalFiles,
+    SingleFile,
+    storage_of,
+)
 from pliant.spec.storage.manifest import check_halves
 from pliant.spec.storage.packed import PackedFiles
 
@@ -148,6 +154,29 @@ class Dataset:
         place = self.listing.column_names.index("shape")
         listing = self.listing.set_column(place, "shape", known)
         return replace(self, listing=listing, files=files)
+
+    def with_truth(self, path: Path) -> Dataset:
+        """Return this dataset with the truth of a split that is in a file next to it.
+
+        Args:
+            path: The split's truth, such as `pliant import` writes.
+
+        Raises:
+            SpecError: It cannot be read, or is not the truth of this dataset's queries.
+        """
+        footer = read_footer(path)
+        split = str(footer.get("split"))
+        known = {name: self.queries_sha256(name) for name in self.splits_with_queries()}
+        if footer.get("table") != "truth" or known.get(split) != footer.get("queries_sha256"):
+            raise SpecError(
+                "the truth does not belong to these queries",
+                path=path,
+                found=f"table {footer.get('table')} of split {split}",
+                fix="Give the truth file of this dataset's split.",
+            )
+        return replace(
+            self, files=LayeredFiles(SingleFile(layout.truth_name(split), path), self.files)
+        )
 
     @property
     def address(self) -> str:

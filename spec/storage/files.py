@@ -157,15 +157,44 @@ class RemoteFiles:
         return {**self.__dict__, "_fetched": None}
 
 
+class SingleFile:
+    """One file of this machine under a name of the layout.
+
+    Args:
+        name: Its name in the layout.
+        path: Where it is.
+    """
+
+    def __init__(self, name: str, path: Path) -> None:
+        self._name, self._path = name, path
+
+    @property
+    def address(self) -> str:
+        """The file's path."""
+        return str(self._path)
+
+    def has(self, name: str) -> bool:
+        """Return whether this is the name of the file."""
+        return name == self._name
+
+    def get(self, name: str) -> Path:
+        """Return the file's path."""
+        return self._path
+
+    def local(self, name: str) -> Path:
+        """Return the file's path."""
+        return self._path
+
+
 class LayeredFiles:
     """The private half of a published dataset over its public one: the private file wins.
 
     Args:
-        top: The private half.
+        top: The private half, or a file of it.
         below: The public half.
     """
 
-    def __init__(self, top: LocalFiles, below: Files) -> None:
+    def __init__(self, top: Files, below: Files) -> None:
         self._top, self._below = top, below
 
     @property

@@ -15,8 +15,10 @@ from PIL import Image, ImageDraw
 
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run
+from pliant.spec.dataset import Dataset
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation, Suggester
+from pliant.viewer.explorer.recorded import SplitQueries
 from tests.browser import Browser
 from tests.viewer.serving import served
 
@@ -68,12 +70,10 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
     capsys: pytest.CaptureFixture[str], browser: Browser,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    annotate, *others = commands()
+    annotate, *others, explore = commands()
     assert annotate[:2] == ["annotate", "photos"]
     click_points(photographs, browser)
-    assert [command[0] for command in others] == [
-        "import", "validate", "view", "predict", "evaluate"
-    ]  # fmt: skip
+    assert [command[0] for command in others] == ["import", "validate", "predict", "evaluate"]
     for command in others:
         assert run(command) == 0, command
     table = capsys.readouterr().out
@@ -84,8 +84,9 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
     assert scores["counts"]["counted"] == scores["counts"]["queries"] - 5
     assert scores["dataset"]["image_size"] == [250, 240]
     assert "standing still" not in scores["notes"].get("controls", "")
-    with Image.open(tmp_path / "pictures.png") as figure:
-        assert figure.width > 700
+    assert explore[0] == "explore"
+    shown = SplitQueries(Dataset.open(tmp_path / "data").with_truth(Path(explore[-1])), "test")
+    assert shown.uv_b_px is not None
 
 
 def click_points(folder: Path, browser: Browser) -> None:

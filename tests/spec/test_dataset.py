@@ -127,3 +127,16 @@ def test_the_sample_of_the_package_opens_by_its_name(
     (tmp_path / "sample").mkdir()  # a folder of that name comes first
     with pytest.raises(SpecError, match="this is not a Pliant dataset"):
         Dataset.open("sample")
+
+
+def test_truth_from_a_file_next_to_the_dataset(copy_of: Copy, tmp_path: Path) -> None:
+    """As `pliant import` leaves it."""
+    root, truth = copy_of("full"), tmp_path / "truth-of-test.parquet"
+    (root / "truth" / "test.parquet").rename(truth)
+    dataset = Dataset.open(root)
+    with pytest.raises(SpecError, match="no truth for split 'test'"):
+        dataset.truth("test")
+    whole = Dataset.open(DATASETS / "full").truth("test")
+    assert dataset.with_truth(truth).truth("test").equals(whole)
+    with pytest.raises(SpecError, match="does not belong to these queries"):
+        dataset.with_truth(root / "queries" / "test.parquet")

@@ -50,6 +50,7 @@ def test_what_is_wrong_is_one_sentence(
 ) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1")
     data, of_other_data = str(tiny_dataset), str(submit(tiny_episode, 1.0))
+    other_truth = str(tiny_episode / "truth" / "test.parquet")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -59,6 +60,9 @@ def test_what_is_wrong_is_one_sentence(
             ([data, "oracle"], 2, "pliant predict oracle"),
             ([data, of_other_data], 1, "pliant check"),
             ([data, str(tmp_path / "bad.parquet")], 1, "pliant check"),
+            ([data, "--truth", str(tmp_path / "bad.parquet")], 1, "bad.parquet"),
+            ([data, "--truth", other_truth], 1, "does not belong to these queries"),
+            ([data, "--truth", str(tmp_path)], 1, "or the file of a split's truth"),
             ([data, "identity", "--port", str(taken.getsockname()[1])], 2, "the port cannot"),
         ):
             assert run(["explore", *call, "--no-browser"]) == code
