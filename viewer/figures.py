@@ -14,11 +14,18 @@ from pliant.evaluator.report.contact_sheet import contact_sheet, evenly
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
+from pliant.spec.storage import layout
 from pliant.viewer.drawing import DRAWINGS, PICTURES, check_ending
 from pliant.viewer.tracks import draw_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")
 FIGURES: Final = (*_SHEETS, "tracks")
+
+_NEEDED: Final = {
+    "index": layout.depth_name(0),
+    "depth": layout.depth_name(0),
+    "tracks": layout.POINTS_TABLE,
+}
 
 _STEPS: Final = 8  # panels of tracks at most
 
@@ -54,6 +61,16 @@ def draw_figure(
     chosen = [dataset.sequence(sequence)] if sequence else list(dataset.sequences)
     if not chosen:
         raise CallError("the dataset has no sequences", path=root)
+    if figure in _NEEDED:  # withheld sequences and imported ones do not have it
+        chosen = [each for each in chosen if each.has(_NEEDED[figure])]
+    if not chosen:
+        raise CallError(
+            "the dataset does not contain what the figure shows",
+            path=root,
+            where=f"--figure {figure}",
+            required=f"a sequence with {_NEEDED[figure]}",
+            fix="Draw the pictures alone, with --figure sheet.",
+        )
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
         if figure in _SHEETS:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from pliant.evaluator.report.colours import depth_image, index_image, material_c
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.figures import FIGURES, draw_figure
 
 
@@ -87,3 +89,26 @@ def test_a_wrong_call_says_what_is_wrong(
     with pytest.raises(CallError, match=message):
         draw_figure(tiny_dataset, out, **arguments)  # type: ignore[arg-type]
     assert not out.exists()
+
+
+@pytest.mark.parametrize("figure", ["index", "depth", "tracks"])
+def test_sequences_without_what_a_figure_shows_are_left_out(
+    figure: str, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    """Withheld sequences of a published dataset, and imported ones, are pictures alone."""
+    root, out = tmp_path / "dataset", tmp_path / "figure.png"
+    shutil.copytree(tiny_dataset, root)
+    first, *others = Dataset.open(root).sequences
+
+    def withhold(sequence: SequenceRecord) -> None:
+        shutil.rmtree(sequence.dir / "depth")
+        (sequence.dir / "points.parquet").unlink()
+
+    withhold(first)
+    draw_figure(root, out, figure=figure, count=2)
+    with pytest.raises(CallError, match="does not contain what the figure shows"):
+        draw_figure(root, out, figure=figure, sequence=first.id)
+    for each in others:
+        withhold(each)
+    with pytest.raises(CallError, match=f"--figure {figure}.*--figure sheet"):
+        draw_figure(root, out, figure=figure)
