@@ -108,12 +108,16 @@ def chosen_sequences(
     wanted = [each for each in named if split in (None, each.split) and tier in (None, each.tier)]
     usable = [each for each in wanted if each.split not in dataset.held_out]
     if not usable:
+        asked = (f"{name} {value}" for name, value in (("split", split), ("tier", tier)) if value)
+        splits = sorted({each.split for each in dataset} - {*dataset.held_out})
+        known = f"splits {', '.join(splits)}; tiers {', '.join(dataset.tiers)}"
         raise CallError(
-            "the truth of these sequences is held out" if wanted else "there are no such sequences",
+            "the dataset does not contain the truth of these sequences"
+            if wanted
+            else "there are no such sequences",
             path=dataset.address,
-            found=f"split {split!r}, tier {tier!r}",
-            required=f"splits {sorted({each.split for each in dataset} - {*dataset.held_out})}, "
-            f"tiers {list(dataset.tiers)}",
+            found=", ".join(asked) or "all sequences",
+            required=known if splits else "a dataset with truth, as pliant generate writes it",
         )
     return usable
 

@@ -212,9 +212,14 @@ def test_the_file_to_open_is_there(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
     sample.info["held_out"] = ["test"]
     try:
-        with pytest.raises(CallError, match="held out"):
+        with pytest.raises(
+            CallError, match=r"truth.*found split test; required: splits train, val;"
+        ):
             chosen_sequences(sample, split="test")
         assert {each.split for each in chosen_sequences(sample)} == {"train", "val"}
+        sample.info["held_out"] = ["train", "val", "test"]  # as an import
+        with pytest.raises(CallError, match="found all sequences; required: a dataset with truth"):
+            chosen_sequences(sample)
     finally:
         del sample.info["held_out"]
     with pytest.raises(CallError, match="no such sequences"):
