@@ -22,12 +22,13 @@ from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.shipped import load_shipped, shipped_names
+from pliant.models.timecycle.trainer import train_timecycle
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
-from tests.models.tiny_runs import don
+from tests.models.tiny_runs import don, timecycle
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +117,17 @@ def test_card_says_what_it_is(trained: Path, models: Path, tiny_dataset: Path) -
         assert " ".join(expected.split()) in " ".join(card.split())
     assert "None" not in card
     assert max(map(len, card.splitlines())) < 200
+
+
+def test_card_of_timecycle(tiny_episode: Path, tmp_path: Path) -> None:
+    """Its figures are over time; it has no mean over pairs and no median."""
+    run_folder, dataset = tmp_path / "run", Dataset.open(tiny_episode)
+    facts = train_timecycle(dataset, run_folder, timecycle("steps=2"))
+    folder = export_run(run_folder, "walker", tmp_path / "models", dataset)
+    card = " ".join((folder / "CARD.md").read_text().split())
+    assert f"RMSE {facts['validation']['rmse_px']:.2f} px of a picture 640 px wide" in card
+    assert facts["guard"]["verdict"] in card
+    assert load_matcher(folder).name == "timecycle"
 
 
 def test_card_of_other_data(trained: Path, tiny_dataset: Path) -> None:
