@@ -14,7 +14,12 @@ from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, build_network
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
-from pliant.models.training.checkpoint import BEST, load_best, load_weights, read_weights_file
+from pliant.models.training.checkpoint import (
+    best_weights,
+    load_best,
+    load_weights,
+    read_weights_file,
+)
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
@@ -62,7 +67,7 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     )
     canonical = None
     if settings.loss.canonical_weight > 0:
-        anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]
+        anchors = read_weights_file(best_weights(run)).get(PREFIX + "anchors", ())
         canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
     network = don_network(settings, canonical)
     load_best(network, run)

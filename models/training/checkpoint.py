@@ -98,6 +98,19 @@ def load_weights(network: torch.nn.Module, path: Path) -> None:
     network.eval()
 
 
+def best_weights(run: Path) -> Path:
+    """Return the file of the weights that answer for a run.
+
+    Raises:
+        TrainingError: The run has no validated weights yet.
+    """
+    if not (run / BEST).is_file():
+        raise TrainingError(
+            "the run has no validated weights yet", path=run, fix="Train it longer first."
+        )
+    return run / BEST
+
+
 def load_best(network: torch.nn.Module, run: Path) -> None:
     """Give a network the weights that answer for a run.
 
@@ -108,11 +121,7 @@ def load_best(network: torch.nn.Module, run: Path) -> None:
     Raises:
         TrainingError: The run has no validated weights yet, or they are damaged or do not fit.
     """
-    if not (run / BEST).is_file():
-        raise TrainingError(
-            "the run has no validated weights yet", path=run, fix="Train it longer first."
-        )
-    load_weights(network, run / BEST)
+    load_weights(network, best_weights(run))
 
 
 def save_checkpoint(run: Path, state: TrainingState) -> Path:

@@ -87,10 +87,11 @@ def test_wrong_calls_are_one_sentence(
     assert "Traceback" not in error
 
 
+@pytest.mark.parametrize("config", ["steps: 5", "loss: {canonical_weight: 1.0}"])
 def test_predict_refuses_a_folder_without_weights(
-    sheet_dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    sheet_dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str], config: str
 ) -> None:
-    (tmp_path / "config.yaml").write_text("steps: 5\n")
+    (tmp_path / "config.yaml").write_text(config + "\n")
     out = str(tmp_path / "sub.parquet")
     assert run(["predict", str(tmp_path), "--data", str(sheet_dataset.root), "--out", out]) == 1
     assert "no validated weights yet" in capfd.readouterr().err
