@@ -21,6 +21,9 @@ SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".
 BLACK: Final = 10
 """Brightest value of a mask's channel that still counts as black (JPEG is never quite)."""
 
+_FLOATING: Final = "F"
+_NUMBERS: Final = (_FLOATING, "I")  # Pillow's modes of 32 bits: labels, or no picture
+
 _MILLIMETRES_PER_METRE: Final = 1000.0
 _TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
 
