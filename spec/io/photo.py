@@ -102,7 +102,9 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         PliantError: It is not a picture that can be read.
     """
     _check_size("mask", path, photo_size(path), size)
-    mask: npt.NDArray[np.bool_] = (read_photo(path) > BLACK).any(axis=2)
+    with _opened(Path(path)) as opened:
+        numbers = opened.mode in _NUMBERS
+    mask = np.zeros(size[::-1], np.bool_) if numbers else (read_photo(path) > BLACK).any(axis=2)
     if not mask.any():
         mask = _labelled(Path(path))
     if not mask.any():
@@ -208,9 +210,13 @@ def _labelled(path: Path) -> npt.NDArray[np.bool_]:
 
 def _eight_bit(picture: Image.Image) -> Image.Image:
     """Return a picture in mode RGB: itself if it has it, as copies of 12 megapixels take time."""
+    if picture.mode == _FLOATING:
+        raise ValueError("its numbers have a floating point: save it with 8 or 16 bits a channel")
     if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip at 255
-        grey = np.clip(np.asarray(picture, dtype=np.int64), 0, 65535) >> 8
-        return Image.fromarray(grey.astype(np.uint8)).convert("RGB")
+        grey = np.asarray(picture, dtype=np.int64)
+        if grey.min() < 0 or grey.max() > 65535:
+            raise ValueError("its numbers exceed 16 bits: save it with 8 or 16 bits a channel")
+        return Image.fromarray((grey >> 8).astype(np.uint8)).convert("RGB")
     if "A" in picture.getbands() or "transparency" in picture.info:
         layered = picture.convert("RGBA")
         picture = Image.alpha_composite(Image.new("RGBA", layered.size, "black"), layered)

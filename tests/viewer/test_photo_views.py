@@ -45,6 +45,14 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(("dtype", "said"), [("f4", "a floating point"), ("i4", "exceed 16 bits")])
+def test_numbers_that_no_picture_has_are_refused(dtype: str, said: str, tmp_path: Path) -> None:
+    values = np.linspace(0, 1 if dtype == "f4" else 70000, 54).reshape(6, 9).astype(dtype)
+    Image.fromarray(values).save(tmp_path / "values.tif")
+    with pytest.raises(PliantError, match=rf"values\.tif.*{said}.*8 or 16 bits"):
+        read_photo(tmp_path / "values.tif")
+
+
 def test_masks(tmp_path: Path) -> None:
     Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
     drawn = np.zeros((6, 9), dtype=np.uint8)
@@ -61,13 +69,13 @@ def test_masks(tmp_path: Path) -> None:
         read_frame(tmp_path / "picture.png", tmp_path / "black.png")
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_, np.int32, np.float32])
 def test_masks_of_labels(dtype: Any, tmp_path: Path) -> None:
     Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
     labels = np.zeros((6, 9), dtype)
     labels[2:4, 3] = (1, 2 if dtype != np.bool_ else 1)
-    Image.fromarray(labels).save(tmp_path / "labels.png")
-    view = read_frame(tmp_path / "picture.png", tmp_path / "labels.png")
+    Image.fromarray(labels).save(tmp_path / "labels.tif")
+    view = read_frame(tmp_path / "picture.png", tmp_path / "labels.tif")
     assert view.mask is not None
     assert np.argwhere(view.mask).tolist() == [[2, 3], [3, 3]]
     Image.new("RGB", (9, 6), (2, 2, 2)).save(tmp_path / "dark.png")  # a picture, not labels
