@@ -148,7 +148,7 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
         browser.open(address)
         browser.wait("document.body.dataset.ready && image(0).complete")
         click_picture(browser, 100, 150)
-        browser.wait("$('said').textContent.includes('1 marks saved')")
+        browser.wait("$('said').textContent.includes('1 mark saved')")
         assert browser.run("return chosen") == "end"
         browser.keys("h")  # nobody sees the end here
         browser.wait("$('said').textContent.includes('2 marks saved')")

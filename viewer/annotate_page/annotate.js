@@ -38,7 +38,7 @@ function save() {
   const body = copy({points: state.points, marks: state.marks});
   saving = saving.then(async () => {
     try { const {saved, suggested} = await send("marks", body);
-      say(`${saved} marks saved` + (suggested ? `, ${suggested} of them suggested: confirm them (Enter) or move them` : "")); }
+      say(`${saved} ${saved === 1 ? "mark" : "marks"} saved` + (suggested ? `, ${suggested} of them suggested: confirm them (Enter) or move them` : "")); }
     catch (error) { say(`Not saved: ${error.message}`, true); }
   });
 }
