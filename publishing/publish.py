@@ -128,14 +128,15 @@ def _open(source: Path, settings: PublishSettings) -> Dataset:
             "only a loose dataset can be published, and this one is packed",
             path=source,
             required=f"a folder with {layout.SEQUENCES_DIR}/",
-            fix="Publish the folder that `pliant generate` or `pliant import` wrote.",
+            fix="Publish the folder that `pliant generate` wrote.",
         )
     if dataset.held_out:
         raise CallError(
-            "this is a public half already",
+            "only a dataset with its answers can be published",
             path=source,
-            found=f"held_out {dataset.held_out}",
-            fix="Publish the dataset it was made of.",
+            found=f"held_out {dataset.held_out}: imported pictures, or a public half already",
+            fix="Share the folder of imported pictures as it is: their answers are in another "
+            "folder. Instead of a public half, publish the dataset that it was made of.",
         )
     for split in settings.hold_out:
         for name in (layout.queries_name(split), layout.truth_name(split)):

@@ -78,6 +78,13 @@ def create_challenge(
 def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None:
     """Refuse a public half that would give participants the answers of a split."""
     dataset = Dataset.open(data)
+    if not (private / layout.MANIFEST_JSON).is_file():
+        raise SpecError(
+            "a challenge needs the private half of a published dataset",
+            path=private,
+            required=f"a folder with a {layout.MANIFEST_JSON}, as `pliant publish` writes it",
+            fix="Publish the dataset with --hold-out. Imported pictures cannot be a challenge.",
+        )
     dataset.with_private(private)
     for split in sorted(splits - set(dataset.held_out)):
         if (private / layout.truth_name(split)).is_file():

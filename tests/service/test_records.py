@@ -339,6 +339,9 @@ def test_what_create_and_open_refuse(
     with pytest.raises(SpecError) as wrong:
         create_challenge(tmp_path / "a", halves.public, halves.public, ["test"])
     assert str(halves.public) in str(wrong.value)
+    truth = halves.private / "truth" / "test.parquet"
+    with pytest.raises(SpecError, match="a challenge needs the private half"):
+        create_challenge(tmp_path / "a", halves.public, truth, ["test"])
     with pytest.raises(SpecError, match="contains the answers of split test"):
         create_challenge(tmp_path / "a", tiny_dataset, halves.private, ["test"])
     for data, private in ((tmp_path / "no", halves.private), (halves.public, tmp_path / "no")):
