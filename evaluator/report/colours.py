@@ -56,13 +56,17 @@ def index_image(surface: Surface, tier: Tier) -> Rgb:
     return out
 
 
-def depth_image(surface: Surface) -> Rgb:
-    """Return the depth of a frame: near is bright; its own range is spread out."""
-    out = np.full((*surface.depth_m.shape, 3), 18, np.uint8)
-    on = np.isfinite(surface.depth_m)
+def depth_image(depth_m: npt.NDArray[np.float32]) -> Rgb:
+    """Return the depth of a frame, uint8 (H, W, 3): near is bright; its own range is spread out.
+
+    Args:
+        depth_m: float32 (H, W), metres, +inf is background.
+    """
+    out = np.full((*depth_m.shape, 3), 18, np.uint8)
+    on = np.isfinite(depth_m)
     if not on.any():
         return out
-    depth = surface.depth_m[on].astype(np.float64)
+    depth = depth_m[on].astype(np.float64)
     low, high = depth.min(), depth.max()
     near = (high - depth) / max(high - low, 1e-9)
     out[on] = np.rint(255 * _mapped("magma", 0.15 + 0.8 * near)).astype(np.uint8)

@@ -68,7 +68,7 @@ def _tile(frame: RecordedFrame, tier: Tier, layer: str) -> Rgb:
         rows.append(np.full((half[1], _TILE_PX, 3), _UNKNOWN_GREY, np.uint8))
     elif layer != "rgb":
         surface = frame.sequence.surface(frame.index)
-        images = {"index": index_image(surface, tier), "depth": depth_image(surface)}
+        images = {"index": index_image(surface, tier), "depth": depth_image(surface.depth_m)}
         if layer == "sheet":
             parts = [_resized(image, half) for image in images.values()]
             rows.append(np.concatenate(parts, axis=1))

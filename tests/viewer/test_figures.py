@@ -34,10 +34,10 @@ def test_index_and_depth_show_the_object_and_nothing_else(tiny_dataset: Path) ->
     sequence = Dataset.open(tiny_dataset).sequences[0]
     tier = Dataset.open(tiny_dataset).tiers[sequence.tier]
     surface = sequence.surface(0)
-    for image in (index_image(surface, tier), depth_image(surface)):
+    for image in (index_image(surface, tier), depth_image(surface.depth_m)):
         np.testing.assert_array_equal((image != 18).any(axis=2), surface.object_id > 0)
     nearest = np.unravel_index(np.argmin(surface.depth_m), surface.depth_m.shape)
-    shown = depth_image(surface).astype(int).sum(axis=2)
+    shown = depth_image(surface.depth_m).astype(int).sum(axis=2)
     assert shown[nearest] == shown.max()
 
 

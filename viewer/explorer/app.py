@@ -16,6 +16,7 @@ from starlette.types import ASGIApp
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.queries import RecordedPair
+from pliant.viewer.explorer.available import missing
 from pliant.viewer.explorer.catalogue import catalogue
 from pliant.viewer.explorer.documents import answer_document, number
 from pliant.viewer.explorer.frames import FrameCache
@@ -64,7 +65,7 @@ class Explorer:
             token: What nobody else knows.
         """
         calls = (
-            *(_dataset, _layer, _truth, _answer, _warm, _queries),
+            *(_dataset, _missing, _layer, _truth, _answer, _warm, _queries),
             *(_error, _scene, _pose, _depth),
         )
         routes = [Route(f"/api/{call.__name__[1:]}", self._bound(call)) for call in calls]
@@ -109,6 +110,10 @@ class Explorer:
 def _dataset(explorer: Explorer, request: Request) -> Response:
     del request
     return JSONResponse(catalogue(explorer.dataset, explorer.queries, explorer.methods))
+
+
+def _missing(explorer: Explorer, request: Request) -> Response:
+    return JSONResponse(missing(explorer.pair(request)))
 
 
 def _layer(explorer: Explorer, request: Request) -> Response:

@@ -59,12 +59,10 @@ def frame_layer(frame: RecordedFrame, layer: str) -> Rgb | None:
             out[frame.objects] = 110
         out[frame.mask] = 235
         return out
-    surface = frame.surface
-    if surface is None:
-        return None
     if layer == "depth":
-        return depth_image(surface)
-    return index_image(surface, frame.sequence.described)
+        return None if frame.depth_m is None else depth_image(frame.depth_m)
+    surface = frame.surface
+    return None if surface is None else index_image(surface, frame.sequence.described)
 
 
 def method_layer(

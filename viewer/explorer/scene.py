@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.report.colours import material_colours
+from pliant.spec.errors import SpecError
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
+from pliant.viewer.explorer.available import NO_SCENE, has_scene
 from pliant.viewer.explorer.frames import FrameCache
 
 _TRACKS: Final = 24
@@ -30,6 +32,8 @@ def scene_document(frames: FrameCache, sequence: SequenceRecord) -> dict[str, An
     Raises:
         SpecError: The sequence has no tracked points or cameras, or they are damaged.
     """
+    if not has_scene(sequence):
+        raise SpecError(NO_SCENE)
     mesh = frames.mesh(RecordedFrame(sequence, 0))
     colours = material_colours(mesh.material[:, 0], mesh.material[:, 1], sequence.described)
     count = len(mesh.rows)  # of a table that is in the order of the material

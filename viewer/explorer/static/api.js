@@ -18,7 +18,7 @@ export async function get(name, parameters) {
 
 /** What the page contains: of a point, that of the nearest query, or null where none is near. */
 function ofNearest(name, { u, v, method } = {}) {
-  if (name === "dataset" || name === "queries") return kept[name];
+  if (["dataset", "missing", "queries"].includes(name)) return kept[name];
   const gaps = kept.queries.map(([x, y]) => Math.hypot(x - u, y - v)), least = Math.min(...gaps);
   if (least > kept.reach_px) return null;
   return (name === "truth" ? kept.truth : kept.answers[method])[gaps.indexOf(least)];

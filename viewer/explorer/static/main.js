@@ -107,6 +107,11 @@ function wire() {
   }
   if (matchMedia("(max-width: 56rem)").matches) $("browse").open = false;
   onChange(changed => { if (changed.has("tab")) tab(); });
+  document.addEventListener("missing", () => {
+    $("tab-scene").title = pictures.missing.scene ?? "";
+    $("tab-scene").disabled = Boolean(pictures.missing.scene);
+    if (pictures.missing.scene) set({ tab: "compare" });
+  });
   window.addEventListener("hashchange", () => set(given()));
   document.addEventListener("keydown", keydown);
 }
@@ -126,7 +131,7 @@ function keydown(event) {
   const actions = {
     n: () => browse.step(1), p: () => browse.step(-1), x: swap,
     h: () => set({ heat: !state.heat }), z: () => set({ lens: !state.lens }), m: nextMethod, t: () => $("theme").click(),
-    v: () => set({ tab: state.tab === "scene" ? "compare" : "scene" }),
+    v: () => $(state.tab === "scene" ? "tab-compare" : "tab-scene").click(),
     "?": () => $("help").showModal(),
   };
   if (state.tab === "scene") {

@@ -1,6 +1,6 @@
 // Two pictures side by side: layers, the heat map, and marks for the query, the truth and the answers.
 
-import { address, get } from "./api.js";
+import { address, bytes, get } from "./api.js";
 import { onChange, set, state } from "./state.js";
 
 export const COLOURS = ["#ff2d78", "#3b9dff", "#ff9f1a", "#b07cff", "#00c2b2", "#e6d200", "#ff6b5e", "#8bd450"];
@@ -13,6 +13,7 @@ const LAYERS = [
 ];
 const $ = id => document.getElementById(id);
 const sides = ["a", "b"];
+export let missing = {}; // a layer or "scene" that the pair does not have -> why
 let data, found = { truth: null, answers: [] }, queries = [];
 
 const part = (side, what) => document.querySelector(`#picture-${side} ${what}`);
@@ -66,38 +67,50 @@ async function load() {
     const cut = state[side].lastIndexOf("/");
     part(side, "figcaption").textContent = `${name}: ${state[side].slice(0, cut)}, frame ${state[side].slice(cut + 1)}`;
   }
+  missing = {}; queries = [];
   layer();
-  queries = [];
-  const got = await get("queries", { a, b }).catch(() => []);
-  if (state.a === a && state.b === b) { queries = got; draw(); }
+  const [lacks, got] = await Promise.all([get("missing", { a, b }), get("queries", { a, b })].map(each => each.catch(() => [])));
+  if (state.a !== a || state.b !== b) return;
+  missing = lacks ?? {}; queries = got;
+  if (missing[state.layer]) layer();
+  controls(); draw();
+  document.dispatchEvent(new Event("missing"));
 }
 
-function layer() {
-  for (const side of sides) {
-    const image = part(side, ".layer");
-    const own = METHOD_LAYERS.includes(state.layer) && (state.layer !== "error" || side === "a");
-    const shown = own || state.layer !== "error" ? state.layer : "rgb";
-    image.onerror = () => { if (shown !== "rgb") image.src = address("layer", { layer: "rgb", frame: state[side] }); };
-    image.src = own
-      ? address("layer", { layer: shown, a: state.a, b: state.b, of: side, method: state.method })
-      : address("layer", { layer: shown, frame: state[side] });
-    image.onload = draw;
-    image.alt = `${LAYERS.find(each => each[0] === shown)[1]} of ${state[side]}`;
-  }
+/** The layer of a picture: the chosen one, or the colours where the pair does not have it. */
+const shown = side => missing[state.layer] || (state.layer === "error" && side === "b") ? "rgb" : state.layer;
+
+function layer() { for (const side of sides) put(side, shown(side)); }
+
+function put(side, name) {
+  const image = part(side, ".layer"), frame = state[side];
+  const asked = METHOD_LAYERS.includes(name)
+    ? { layer: name, a: state.a, b: state.b, of: side, method: state.method }
+    : { layer: name, frame };
+  image.onload = draw;
+  image.onerror = async () => {
+    const source = image.src, failed = await bytes("layer", asked).then(() => "", error => error.message);
+    if (image.src !== source) return;
+    if (failed || name === "rgb") { image.alt = `This picture cannot be shown: ${failed || "it cannot be decoded."}`; draw(); }
+    else put(side, "rgb"); // the method has no such layer of this picture
+  };
+  image.alt = `${LAYERS.find(each => each[0] === name)[1]} of ${frame}`;
+  image.src = address("layer", asked);
 }
 
 function controls() {
   const method = data.methods[state.method];
   for (const button of $("layers").children) {
-    const name = button.dataset.layer;
-    button.setAttribute("aria-pressed", String(name === state.layer));
-    button.disabled = name === "error" ? !method : METHOD_LAYERS.includes(name) && !method?.[name];
+    const name = button.dataset.layer, needs = name === "error" ? method : !METHOD_LAYERS.includes(name) || method?.[name];
+    button.setAttribute("aria-pressed", String(name === shown("a")));
+    button.title = missing[name] ?? (needs ? "" : method ? `${method.name} does not have this layer` : "no method is shown");
+    button.disabled = Boolean(button.title);
   }
   $("heat-on").checked = state.heat;
   $("heat-on").disabled = !data.methods.some(each => each.heat);
   $("lens-on").checked = state.lens;
   $("opacity").value = state.opacity;
-  $("legend").hidden = state.layer !== "error";
+  $("legend").hidden = shown("a") !== "error";
   const [low, high] = data.error_scale_px;
   $("legend-text").textContent = `error of ${method?.name ?? ""}: ${low} px and less to ${high} px and more; light grey: hidden in the target`;
 }
@@ -105,7 +118,7 @@ function controls() {
 /** Show the truth and the answers of the last pixel. */
 export function show(truth, answers) {
   found = { truth, answers };
-  const heat = part("b", ".heat"), own = answers[state.method], lit = Boolean(state.heat && own?.heat && !COLOURED.includes(state.layer));
+  const heat = part("b", ".heat"), own = answers[state.method], lit = Boolean(state.heat && own?.heat && !COLOURED.includes(shown("b")));
   heat.onload = draw;
   if (lit) heat.src = `data:image/png;base64,${own.heat}`;
   else heat.removeAttribute("src");

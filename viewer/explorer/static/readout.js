@@ -124,7 +124,7 @@ function status(known, usable) {
   else if (truth === null) text = usable.some(Boolean) ? "The truth of this point is not known." : "No object here: move over it.";
   if (state.pinned) text += " Pinned: click again to release.";
   if (warning) text += ` ${warning}`;
-  if (wrong && truth) text = wrong;
+  if (wrong) text = wrong;
   $("status").textContent = text;
-  $("status").classList.toggle("warn", Boolean(warning || (wrong && truth)));
+  $("status").classList.toggle("warn", Boolean(warning || wrong));
 }
