@@ -55,6 +55,12 @@ def read_tapvid(files: Sequence[Path]) -> list[Clip]:
                 required="npz files",
                 fix="Convert one that you trust to npz, as docs/import.md shows.",
             )
+        if path.suffix.lower() != ".npz":
+            raise CallError(
+                "this kind of file is not imported",
+                path=path,
+                required="annotations (.csv, .json), point tracks (.npz), or a folder of them",
+            )
 
     @lru_cache(maxsize=1)  # the frames of a clip are read one after the other
     def record_of(path: Path) -> Record:
@@ -113,6 +119,14 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
             required="points (N, frames, 2) and occluded (N, frames)",
         )
     height, width, _ = _frame(record["video"], 0, path).shape
+    if not np.isin(hidden, (0, 1)).all():
+        raise SpecError(
+            "a point is neither visible nor occluded",
+            path=path,
+            where="occluded",
+            found=f"{hidden[~np.isin(hidden, (0, 1))][0]:g}",
+            required="0 (visible) or 1 (occluded)",
+        )
     visible = hidden == 0
     if not np.isfinite(points[visible]).all():
         raise SpecError("a visible point has no position", path=path, where="points")
@@ -122,7 +136,7 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
         name=path.stem,
         size=(width, height),
         frames=frames,
-        read=lambda frame: _frame(record_of(path)["video"], frame, path),
+        read=lambda frame: _frame(record_of(path)["video"], frame, path, (height, width, 3)),
         uv_px=np.where(np.isfinite(uv_px), uv_px, np.nan),
         visible=visible,
         temporal=True,
@@ -130,22 +144,34 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
 
 
 def _numbers(value: np.ndarray[Any, Any], field: str, path: Path) -> np.ndarray[Any, Any]:
-    try:
-        return value.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise SpecError("these are not numbers", path=path, where=field) from error
+    if value.dtype.kind not in "biuf":
+        raise SpecError("these are not numbers", path=path, where=field, found=str(value.dtype))
+    return value.astype(np.float64)
 
 
-def _frame(video: np.ndarray[Any, Any], frame: int, path: Path) -> ImageArray:
-    """Return a frame, decoded if it is an encoded picture."""
+def _frame(
+    video: np.ndarray[Any, Any], frame: int, path: Path, shape: tuple[int, ...] | None = None
+) -> ImageArray:
+    """Return a frame, decoded if it is an encoded picture; it must have the shape, if given."""
     item = video[frame]
     if isinstance(item, bytes):
         try:
-            return decode_photo(io.BytesIO(item))
+            item = decode_photo(io.BytesIO(item))
         except Exception as error:  # Pillow's errors do not share a base
             raise SpecError(
-                "a frame cannot be read", path=path, where=f"frame {frame}", found=str(error)
+                "a frame cannot be read",
+                path=path,
+                where=f"frame {frame}",
+                found=str(error).split(" <")[0],
             ) from error
+    if shape is not None and item.shape != shape:
+        raise SpecError(
+            "the frames of a clip differ in size",
+            path=path,
+            where=f"frame {frame}",
+            found=f"{item.shape[1]}x{item.shape[0]} px",
+            required=f"{shape[1]}x{shape[0]} px, as frame 0",
+        )
     if item.dtype != np.uint8 or item.ndim != 3 or item.shape[2] != 3:
         raise SpecError(
             "a frame is not a colour image",

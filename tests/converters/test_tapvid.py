@@ -39,6 +39,13 @@ def tracks(height: int = HEIGHT, width: int = WIDTH) -> dict[str, Any]:
     }
 
 
+def jpeg(width: int) -> bytes:
+    """A picture as the bytes of a JPEG."""
+    buffer = io.BytesIO()
+    Image.new("RGB", (width, HEIGHT)).save(buffer, "JPEG")
+    return buffer.getvalue()
+
+
 EXPECTED = [
     (0, 10.0, 15.0, 1, 20.0, 15.0, "visible", 17.0),  # box of (20, 15) and (4, 3)
     (0, 10.0, 15.0, 2, 30.0, 15.0, "occluded", 1.0),  # box of (0.5, 29.5) alone
@@ -136,6 +143,9 @@ BROKEN_TRACKS: dict[str, tuple[dict[str, Any], str]] = {
     "floats": ({"video": tracks()["video"].astype(float)}, "a frame is not a colour image"),
     "no picture": ({"video": np.array([b"no picture"] * 3)}, "a frame cannot be read"),
     "nowhere": ({"points": tracks()["points"] * np.nan}, "a visible point has no position"),
+    "sizes": ({"video": np.array([jpeg(40), jpeg(40), jpeg(38)])}, "frame 2: the frames of a clip"),
+    "complex": ({"points": tracks()["points"] * 1j}, "these are not numbers; found complex"),
+    "hidden how": ({"occluded": tracks()["occluded"] * 2}, "neither visible nor occluded; found 2"),
     "text": ({"points": np.array(["x"])}, "these are not numbers"),
     # Arrays of objects in an npz are pickles, and would be run.
     "objects": ({"video": np.array([b"jpeg", None], dtype=object)}, "Its arrays must be numbers"),
@@ -159,6 +169,9 @@ def test_a_file_that_cannot_be_used_is_named(
     np.savez(tmp_path / "part.npz", video=tracks()["video"])
     (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:300])
     saved(tmp_path / "clips").rename(tmp_path / "clips" / "x\udcff.npz")  # a byte 0xff
+    (tmp_path / "film.mp4").write_bytes(b"film")
+    assert run(["import", str(tmp_path / "film.mp4"), "--out", str(tmp_path / "out")]) == 2
+    assert "this kind of file is not imported" in capsys.readouterr().err
     for name, said in (
         ("part.npz", "no points, occluded"),
         ("cut.npz", "the npz file cannot be read"),
