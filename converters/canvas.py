@@ -21,7 +21,7 @@ from pliant.converters.clip import Clip
 from pliant.spec.arrays import FloatArray, ImageArray, Mask
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
+from pliant.spec.io.photo import SUFFIXES, photo_size, read_depth, read_mask, read_photo
 from pliant.spec.io.resizing import resize_nearest, resize_rgb
 
 Pixels = Literal["rounded", "index"]
@@ -167,8 +167,11 @@ def _companions(pictures: Sequence[Path], folder: Path | None) -> list[Path] | N
         return None
     if not folder.is_dir():
         raise CallError("folder not found", path=folder)
-    files = {file.stem: file for file in sorted(folder.iterdir()) if file.is_file()}
-    found = []
+    files: dict[str, list[Path]] = {}
+    for file in sorted(folder.iterdir()):
+        if file.is_file():
+            files.setdefault(file.stem, []).append(file)
+    found: dict[Path, Path] = {}
     for picture in pictures:
         stem = picture.stem.removesuffix("_rgb")
         names = (
@@ -184,8 +187,26 @@ def _companions(pictures: Sequence[Path], folder: Path | None) -> list[Path] | N
                 where=picture.name,
                 required=" or ".join(f"{each}.*" for each in dict.fromkeys(names[:3])),
             )
-        found.append(files[name])
-    return found
+        # A list of polygons or labels may be next to the images.
+        images = [file for file in files[name] if file.suffix.lower() in (*SUFFIXES, ".npy")]
+        file, *others = images or files[name]
+        if others:
+            raise CallError(
+                "a picture has several files in the folder",
+                path=folder,
+                where=picture.name,
+                found=", ".join(each.name for each in (file, *others)),
+                fix="Leave one of them.",
+            )
+        if file in found:
+            raise CallError(
+                "one file in the folder is for two pictures",
+                path=file,
+                found=f"{found[file]} and {picture}",
+                fix="Give the pictures, and their files in the folder, different names.",
+            )
+        found[file] = picture
+    return list(found)
 
 
 def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
@@ -206,4 +227,6 @@ def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
             said = "a picture with itself" if pair[0] == pair[1] else "a pair twice"
             raise SpecError(f"the list has {said}", path=path, where=where, fix="Remove the row.")
         pairs.append(pair)
+    if not pairs:
+        raise SpecError("the list has no pairs", path=path)
     return pairs

@@ -100,10 +100,40 @@ def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
     assert placed == [[20, 15], [10, 15], [20, 5]]
 
 
-def test_a_list_of_pairs_is_all_that_is_asked(photos: Path, tmp_path: Path) -> None:
+def test_a_mask_that_could_be_of_another_picture_is_refused(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A list of polygons next to a mask is not one; two masks of one name are in doubt."""
+    shown = {"a b": (40, 30), "b": (20, 30), "ç": (80, 20)}
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for stem, size in shown.items():
+        Image.new("L", size, 255).save(masks / f"{stem}.png")
+        (masks / f"{stem}.txt").write_text("0 0 1 1")
+    imported(photos, tmp_path / "out", "--masks", str(masks))
+    Image.new("L", shown["b"], 255).save(masks / "b.tif")
+    refused = ["import", str(photos), "--out", str(tmp_path / "no"), "--masks", str(masks)]
+    assert run(refused) == 2
+    assert "b.tif: a picture has several files in the folder; found b.png, b.tif" in (
+        capsys.readouterr().err
+    )
+    (masks / "b.tif").unlink()
+    (photos / "b.tif").rename(photos / "a b.tif")
+    (photos / "annotations.csv").write_text(CSV.replace("b.tif", "a b.tif"))
+    assert run(refused) == 2
+    assert "a b.png: one file in the folder is for two pictures" in capsys.readouterr().err
+
+
+def test_a_list_of_pairs_is_all_that_is_asked(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "pairs.csv").write_text("source,target\nç.webp,a b.JPG\n")
     imported(photos, tmp_path / "out", "--pair-list", str(tmp_path / "pairs.csv"))
     assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
+    (tmp_path / "pairs.csv").write_text("source,target\n")
+    refused = ["import", str(photos), "--out", str(tmp_path / "no")]
+    assert run([*refused, "--pair-list", str(tmp_path / "pairs.csv")]) == 1
+    assert "pairs.csv: the list has no pairs" in capsys.readouterr().err
 
 
 SOURCES = """picture,point,x,y,visible,source
