@@ -49,7 +49,7 @@ class _Coco(BaseModel):
 class _Shape(BaseModel):
     label: str
     shape_type: str | None = None
-    points: list[tuple[FiniteFloat, FiniteFloat]]
+    points: list[list[FiniteFloat]]
     flags: dict[str, Any] | None = None
 
 
@@ -174,21 +174,46 @@ def read_labelme(files: Sequence[Path], path: Path) -> Annotations:
         SpecError: A file is damaged, or a picture is not there or of another size.
     """
     marks = Collector(path)
+    described: dict[Path, Path] = {}
+    kinds: set[str] = set()
     for file in files:
         document = _parsed(_LabelMe, read_json(file), file)
         picture = picture_in(file.parent, document.imagePath, file, "imagePath")
+        if picture in described:
+            raise SpecError(
+                "two files describe one picture",
+                path=file,
+                where="imagePath",
+                found=f"{picture.name}, as in {described[picture].name}",
+                fix="Correct imagePath, or delete one of the files.",
+            )
+        described[picture] = file
         _check_size(picture, document.imageWidth, document.imageHeight, file, "")
         marks.add_picture(picture)
         for index, shape in enumerate(document.shapes):
             where = f"shapes[{index}]"
+            kinds.add(f"{shape.shape_type}")
             if shape.shape_type != "point":
                 continue
-            if len(shape.points) != 1:
+            if [len(each) for each in shape.points] != [2]:
                 raise SpecError(
-                    "a point has no position", path=file, where=where, required="points [[x, y]]"
+                    "a point is not one position",
+                    path=file,
+                    where=f"{where}.points",
+                    found=f"{shape.points!r:.60}",
+                    required="[[x, y]]",
                 )
+            u, v = shape.points[0]
             hidden = any((shape.flags or {}).get(flag) for flag in HIDDEN_FLAGS)
-            marks.add(picture, shape.label, Mark(*shape.points[0], not hidden), where)
+            marks.add(picture, shape.label, Mark(u, v, not hidden), f"{file.name}, {where}")
+    if kinds and "point" not in kinds:
+        raise SpecError(
+            "the files have no points",
+            path=path,
+            found=f"shapes of type {', '.join(sorted(kinds))[:60]}",
+            required="shapes of type point",
+            fix="Mark points in LabelMe: boxes and polygons name no points.",
+        )
     return marks.annotations()
 
 

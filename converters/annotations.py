@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -77,6 +78,8 @@ class Collector:
         Raises:
             SpecError: The point is marked there already, or its name cannot be printed.
         """
+        if not point.strip():
+            raise SpecError("the point has no name", path=self.path, where=where)
         if not point.isprintable():
             raise SpecError(
                 "the name of a point has characters that cannot be printed",
@@ -159,7 +162,8 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
     inside = not whole.is_absolute() and ".." not in whole.parts
     for candidate in (whole, whole.name) if inside else (whole.name,):
         for below in (folder, folder / "images"):
-            if whole.name and (below / candidate).is_file():
+            # Not Path.is_file, which raises where a name is too long.
+            if whole.name and os.path.isfile(below / candidate):
                 return below / candidate
     raise SpecError(
         "picture not found",
@@ -227,6 +231,15 @@ def read_rows(
             if any(row[name] is None for name in columns):
                 raise SpecError(
                     "the row lacks values", path=path, where=where, required=",".join(columns)
+                )
+            if any(row.get(None) or ()):  # a comma too many may have moved what follows
+                raise SpecError(
+                    "the row has more values than the header",
+                    path=path,
+                    where=where,
+                    found=len(found) + len(row[None]),
+                    required=len(found),
+                    fix="Write 5.5, not 5,5; put a text with a comma in quotation marks.",
                 )
             rows.append((where, {name: (row.get(name) or "").strip() for name in wanted}))
     except csv.Error as error:  # a field of more than 128 KiB

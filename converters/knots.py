@@ -21,6 +21,7 @@ from pliant.spec.io.jsonfiles import read_json
 
 KNOTS_JSON: Final = "knots_info.json"
 _IMAGE: Final = re.compile(r"(\d{1,9})_rgb\.(?:png|jpg|jpeg)")
+_NUMBER: Final = re.compile(r"\d{1,9}")
 _IMAGE_NAME: Final = "%06d_rgb.png"
 
 
@@ -43,19 +44,33 @@ def read_knots(folder: Path) -> Annotations:
         folder / KNOTS_JSON,
     )
     annotated = _annotations(read_json(path), path)
-    images = {
-        int(match[1]): image
-        for image in sorted(path.parent.iterdir())
-        if (match := _IMAGE.fullmatch(image.name))
-    }
+    images: dict[int, Path] = {}
+    for image in sorted(path.parent.iterdir()):
+        match = _IMAGE.fullmatch(image.name)
+        if match is None:
+            continue
+        if int(match[1]) in images:
+            raise SpecError(
+                "two images have one frame number",
+                path=path.parent,
+                found=f"{images[int(match[1])].name} and {image.name}",
+                fix="Delete one of them.",
+            )
+        images[int(match[1])] = image
     if set(images) != set(annotated):
         odd = min(set(images) ^ set(annotated))
+        entry = f"the entry {odd} of {KNOTS_JSON}"
+        fix = (
+            f"Delete {images[odd].name}, or add {entry}."
+            if odd in images
+            else f"Add {_IMAGE_NAME % odd}, or delete {entry}."
+        )
         raise SpecError(
             "images and annotations do not belong to the same frames",
             path=path,
             found=f"{len(annotated)} annotated frames and {len(images)} images NNNNNN_rgb.png",
             required=f"both for each frame; frame {odd} has only one of them",
-            fix=f"Delete {_IMAGE_NAME % odd} or the entry {odd} of {KNOTS_JSON}.",
+            fix=fix,
         )
     numbers = sorted(images)
     masks = (folder / "image_masks", path.parent.parent / "image_masks")
@@ -83,8 +98,15 @@ def _annotations(document: Any, path: Path) -> dict[int, Any]:
         )
     frames: dict[int, Any] = {}
     for key, points in document.items():
-        if not str(key).isdecimal():
-            raise SpecError("a frame has no number", path=path, where=str(key)[:40])
+        if not _NUMBER.fullmatch(str(key)):
+            raise SpecError(
+                "a frame has no number",
+                path=path,
+                where=str(key)[:40],
+                required="1 to 9 digits, as in the names of the images",
+            )
+        if int(key) in frames:
+            raise SpecError("two entries have one frame number", path=path, where=str(key))
         frames[int(key)] = points
     counts = {len(points) if _lists(points) else -1 for points in frames.values()}
     if len(counts) != 1 or min(counts) < 1:

@@ -44,8 +44,6 @@ def collect_marks(path: Path) -> Collector:
                 found=repr(row["visible"])[:40],
             )
         visible = _VISIBLE[row["visible"].lower()]
-        if not row["point"]:
-            raise SpecError("the point has no name", path=path, where=where)
         u, v = (_number(row[axis], visible, path, f"{where}, {axis}") for axis in "xy")
         try:
             source = mark_source(row["source"] or "marked")

@@ -6,6 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from pliant.cli.main import run
+from tests.conformance.edits import change_document
 from tests.converters.importing import asked, imported
 from tests.converters.test_pictures import photographs
 
@@ -66,6 +70,39 @@ def labelme(folder: Path) -> None:
             "shapes": shapes,
         }
         (folder / f"{image['id']}.json").write_text(json.dumps(document))
+
+
+@pytest.mark.parametrize(
+    ("number", "changes", "said"),
+    [
+        (8, {"imagePath": "a b.JPG"}, "8.json, imagePath: two files describe one picture"),
+        (
+            8,
+            {"shapes.0.points": [[2.0, 8.0, 1.0]]},
+            "shapes[0].points: a point is not one position",
+        ),
+        (8, {"shapes.0.label": ""}, "8.json, shapes[0]: the point has no name"),
+        (None, {}, "the files have no points; found shapes of type polygon"),
+    ],
+)
+def test_broken_labelme_files_are_named(
+    number: int | None,
+    changes: dict[str, Any],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = photographs(tmp_path / "photos")
+    labelme(folder)
+    for file in folder.glob("*.json"):
+        document = json.loads(file.read_text())
+        if number is None:
+            document["shapes"] = document["shapes"][-1:]  # the polygon
+        elif file.stem == str(number):
+            change_document(document, set=changes)
+        file.write_text(json.dumps(document))
+    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
+    assert said in capsys.readouterr().err
 
 
 def test_labelme_files(tmp_path: Path) -> None:
