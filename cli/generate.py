@@ -87,7 +87,7 @@ def command(
     if dry_run:
         return _dry_run(settings, out, count, as_json)
     with terminated_like_interrupted(_STOPPED), progress_bar("generate", "images") as bar:
-        show = _Display(bar, out, count)
+        show = GenerationDisplay(bar, out, count)
         summary = generate(settings, out, workers=count, engine=engine, progress=show)
     _report(summary, as_json)
     return 1 if summary.failed else 0
@@ -189,7 +189,7 @@ def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -
     return f"{text} {plural(workers, 'worker')}."
 
 
-class _Display:
+class GenerationDisplay:
     """Shows how far a run is: the plan, a forecast once every tier is measured, and a bar."""
 
     def __init__(self, bar: Bar, out: Path, workers: int) -> None:
@@ -197,6 +197,7 @@ class _Display:
         self._begun = self._forecast = False
 
     def __call__(self, state: RunState) -> None:
+        """Show a state; see `generate`."""
         if not self._begun:
             self._begun = True
             self._bar.print(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from pliant.cli.generate import GenerationDisplay
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option, out_option, path_option, set_option
 from pliant.cli.terminal import Bar, echo, echo_json, echo_result, progress_bar, to_call
@@ -123,14 +125,21 @@ def model(
     for stage in chosen.stages.values():
         values = merged(chosen.settings, stage.settings)
         settings_from(DonSettings, values, path=path, overrides=overrides)
+    count = workers or cpu_cores()
+
+    def made_set(config: Mapping[str, Any], folder: Path) -> None:
+        with progress_bar(f"Generating {folder.name}", "images") as bar:
+            show = GenerationDisplay(bar, folder, count)
+            settings = settings_from(GenerateConfig, config)
+            generate(settings, folder, workers=count, progress=show)
+
+    @contextmanager
+    def watched(stage: str, steps: int) -> Iterator[_Progress]:
+        with progress_bar(f"Training {stage}", "steps") as bar:
+            yield _Progress(bar, steps)
+
     with terminated_like_interrupted("Interrupted: run the same command again to continue."):
-        made = make_model(
-            chosen,
-            out,
-            lambda config, folder: generate(
-                settings_from(GenerateConfig, config), folder, workers=workers or cpu_cores()
-            ),
-        )
+        made = make_model(chosen, out, made_set, watched=watched)
     echo(f"Model: {made}")
 
 

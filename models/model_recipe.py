@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
@@ -29,6 +30,7 @@ from pliant.models.training.checkpoint import (
     read_weights_file,
     save_weights,
 )
+from pliant.models.training.loop import StepProgress
 from pliant.models.training.processes import joined_processes
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json, write_settings
 from pliant.spec.configuration import (
@@ -42,6 +44,8 @@ from pliant.spec.configuration import (
 from pliant.spec.constraints import Count, Refused, Share
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+
+Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
 
 RECIPES: Final = Path(__file__).parent / "configs" / "models"
 
@@ -169,6 +173,7 @@ def make_model(
     recipe: ModelRecipe,
     out: Path,
     generate: Callable[[Mapping[str, Any], Path], object],
+    watched: Watched = lambda stage, steps: nullcontext(),
 ) -> Path:
     """Make a model, or continue; finished stages are skipped.
 
@@ -176,6 +181,7 @@ def make_model(
         recipe: How.
         out: The folder of sets, stages and the model.
         generate: Makes a dataset in a folder, or resumes it.
+        watched: What is called after each step of a stage, by its name and number of steps.
 
     Returns:
         The exported model's folder.
@@ -192,19 +198,23 @@ def make_model(
             _average(recipe, stage, out, run, settings)
         else:
             begun = latest_checkpoint(run) is not None
-            train_don(dataset, run, settings, resume=begun)
+            with watched(name, settings.steps) as progress:
+                train_don(dataset, run, settings, resume=begun, progress=progress)
     last = list(recipe.stages)[-1]
     if recipe.masks is not None and not (out / "stages" / last / MASKS).is_file():
-        _train_masks(recipe.masks, out, out / "stages" / last)
+        with watched("masks", recipe.masks.steps) as progress:
+            _train_masks(recipe.masks, out, out / "stages" / last, progress)
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
 
 
-def _train_masks(stage: MaskStage, out: Path, run: Path) -> None:
+def _train_masks(stage: MaskStage, out: Path, run: Path, progress: StepProgress | None) -> None:
     sets = [Dataset.open(out / "sets" / name) for name in stage.sets]
     seed = read_settings(DonSettings, run / CONFIG).seed
     frames = [each.frames("train") for each in sets]
-    network = fit_masks(frames, steps=stage.steps, seed=seed, sampling=SAMPLINGS[stage.of])
+    network = fit_masks(
+        frames, steps=stage.steps, seed=seed, sampling=SAMPLINGS[stage.of], progress=progress
+    )
     save_weights(run / MASKS, network.state_dict())
 
 

@@ -18,6 +18,7 @@ import torch
 from torch.nn import functional
 
 from pliant.models.networks.mask_network import CLOTH_WIDTH, ROPE_WIDTH, MaskNetwork, at_width
+from pliant.models.training.loop import StepProgress
 from pliant.spec.frame import Frame
 
 _SHAPE: Final = (256, 320)  # rows, columns of a sample, in pixels of a picture of working width
@@ -59,6 +60,7 @@ def fit_masks(
     steps: int,
     seed: int,
     sampling: Sampling,
+    progress: StepProgress | None = None,
 ) -> MaskNetwork:
     """Train a network that finds masks.
 
@@ -68,6 +70,7 @@ def fit_masks(
         steps: Steps of 6 samples; 1,500 take 13 to 25 minutes on one core.
         seed: Seed of all draws.
         sampling: How samples are drawn, `SAMPLINGS` of the kind of object.
+        progress: Called after each step.
     """
     rng = np.random.default_rng(seed)
     with torch.random.fork_rng(devices=[]):
@@ -75,7 +78,7 @@ def fit_masks(
         network = MaskNetwork()
         optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=steps)
-        for _ in range(steps):
+        for step in range(steps):
             drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
             chosen = [frames[rng.integers(len(frames))] for frames in drawn]
             samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
@@ -86,6 +89,8 @@ def fit_masks(
             loss.backward()
             optimiser.step()
             schedule.step()
+            if progress is not None:
+                progress(step + 1, {"loss": loss.item()})
     return network.eval()
 
 

@@ -57,8 +57,11 @@ def small(name: str, out: Path) -> list[str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
-def test_recipe_makes_a_model_that_answers_and_goes_on(name: str, tmp_path: Path) -> None:
+def test_recipe_makes_a_model_that_answers_and_goes_on(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(small(name, tmp_path)) == 0
+    assert "sequences to make" in capsys.readouterr().err
     made = tmp_path / "models" / name
     assert load_matcher(made).name == "don"
     assert (made / "data.yaml").is_file()

@@ -109,7 +109,16 @@ def test_some_strands_get_the_tables_colour() -> None:
 @pytest.mark.long
 def test_a_short_training_finds_a_rope() -> None:
     frame = painted()
-    network = fit_masks([[frame]], steps=80, seed=0, sampling=SAMPLINGS["rope"])
+    losses: list[float] = []
+    network = fit_masks(
+        [[frame]],
+        steps=80,
+        seed=0,
+        sampling=SAMPLINGS["rope"],
+        progress=lambda step, figures: losses.append(figures["loss"]),
+    )
+    assert len(losses) == 80
+    assert np.mean(losses[-10:]) < 0.5 * np.mean(losses[:10])
     once, again = (
         fit_masks([[frame]], steps=2, seed=0, sampling=SAMPLINGS["rope"]) for _ in range(2)
     )
