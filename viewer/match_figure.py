@@ -19,6 +19,7 @@ FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 
 _WIDTH_IN: Final = 5.2  # mean width of a picture, inches
 _HEIGHT_IN: Final = (2.4, 6.0)  # lowest and largest height of the pictures, inches
+_LONGEST: Final = 4.0  # most that a picture's place is longer than wide, or wider than long
 _ROOM: Final = 0.08  # around the object, in its longer sides
 _LEAST_WEIGHT: Final = 0.05  # of a mode whose ring is drawn
 _NUMBERED: Final = 40  # more points have colours alone
@@ -67,7 +68,8 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
     frame_a, frame_b = _window(source, cropped), _window(target, cropped)
     frames = [frame_a, frame_b] if heat is None else [frame_a, frame_b, frame_b]
     # All pictures get one height, so that pictures of unlike shapes are in one row.
-    shapes = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
+    exact = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
+    shapes = [min(max(shape, 1 / _LONGEST), _LONGEST) for shape in exact]
     tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
     warnings = match.warnings()
     below = (0.75 if heat is None else 1.35) + 0.2 * len(warnings)  # texts and bar, inches

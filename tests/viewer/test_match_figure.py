@@ -47,6 +47,18 @@ def test_turned_card_is_found() -> None:
     assert document["visible"] is None
 
 
+@pytest.mark.parametrize("shapes", [((17, 2000), (2000, 17)), ((17, 2000), (17, 2000))])
+def test_a_strip_does_not_make_the_figure_one(
+    shapes: tuple[tuple[int, int], ...], tmp_path: Path
+) -> None:
+    source, target = (Frame(np.full((*shape, 3), 90, np.uint8)) for shape in shapes)
+    match = match_photo(Unsure(), source, target, [(8, 8)])
+    draw_match(match, source, target, tmp_path / "figure.png")
+    with Image.open(tmp_path / "figure.png") as figure:
+        assert max(figure.size) < 3000
+        assert max(figure.size) < 6 * min(figure.size)
+
+
 def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
     view = card_view(Similarity())
     match = match_photo(Unsure(), view, view, [(100, 100)])
