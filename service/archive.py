@@ -57,13 +57,20 @@ def write_backup(challenge: Challenge, out: Path) -> None:
         out: The backup's folder, which then contains the answers and the keys.
 
     Raises:
-        CallError: The folder contains something else.
+        CallError: The folder contains something else, or the backup of another challenge.
     """
-    if out.exists() and any(out.iterdir()) and not (out / _SUMS).is_file():
-        raise CallError("the folder is not a backup", path=out, fix="Name a new folder.")
+    earlier = out.exists() and any(out.iterdir())
+    if earlier:
+        if not all((out / name).is_file() for name in (CHALLENGE_YAML, _SUMS)):
+            raise CallError("the folder is not a backup", path=out, fix="Name a new folder.")
+        keys = (out / "keys" / PUBLIC_KEY, challenge.public_key)
+        if len({key_id(read_public_key(key)) for key in keys}) > 1:
+            raise CallError(
+                "the folder is the backup of another challenge", path=out, fix="Name a new folder."
+            )
     with staged(out) as place:
         os.chmod(place, 0o700)
-        if (out / _SUMS).is_file():
+        if earlier:
             kept = shutil.ignore_patterns(_TABLES)  # written again below
             shutil.copytree(out, place, ignore=kept, copy_function=_link, dirs_exist_ok=True)
         _write(challenge, place, shutil.copy2)

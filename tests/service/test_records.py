@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import stat
 import tarfile
 from pathlib import Path
@@ -228,6 +229,21 @@ def test_commands_of_the_host(
     void = ["--passphrase-file", empty, "--out", f"{again}2"]
     assert run(["challenge", "restore", archived, *void]) == 2
     assert "the passphrase is empty" in capfd.readouterr().err
+
+
+def test_a_backup_replaces_nothing_but_a_backup_of_the_same_challenge(
+    make_trial: MakeTrial, tmp_path: Path, service_halves: Halves
+) -> None:
+    """A published half has checksums too: a backup in it would publish the answers."""
+    first, second = make_trial().challenge, make_trial("title: Other").challenge
+    public = shutil.copytree(service_halves.public, tmp_path / "public")
+    names = sorted(public.rglob("*"))
+    with pytest.raises(CallError, match="the folder is not a backup"):
+        write_backup(first, public)
+    assert sorted(public.rglob("*")) == names
+    write_backup(first, tmp_path / "backup")
+    with pytest.raises(CallError, match="the backup of another challenge"):
+        write_backup(second, tmp_path / "backup")
 
 
 def test_a_folder_that_cannot_be_removed_does_not_get_into_a_backup(
