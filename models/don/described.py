@@ -15,7 +15,7 @@ from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired
 from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
-from pliant.models.networks.mask_network import CLOTH_WIDTH, MaskNetwork
+from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -148,7 +148,7 @@ class ViewDescriber:
     def _find_cloth(self, view: Frame) -> tuple[Mask, None] | None:
         """Return the mask of `foreground`, or None where nothing stands out."""
         rgb = denoised(view.rgb)
-        cloth = None if self.masks is None else self.masks.found(rgb, CLOTH_WIDTH)[0]
+        cloth = None if self.masks is None else self.masks.found(rgb, CLOTH_SIDE)[0]
         if cloth is None or not is_decided(cloth):
             out = self._out(self.given.image(*self._resized(view)))
             cloth = out.foreground[0, 0].cpu().sigmoid().numpy()

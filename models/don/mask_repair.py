@@ -18,7 +18,7 @@ import numpy.typing as npt
 from pliant.baselines.tracing import MaskShape
 from pliant.spec.arrays import Mask
 
-_PICTURE_WIDTH: Final = 640  # the lengths below are pixels of a picture of this width
+_PICTURE_SIDE: Final = 640  # the lengths below are pixels of a picture with this longer side
 _LIMIT_PX: Final = 0.95
 _UNEVEN_PX: Final = 0.65
 _FOREIGN_SHARE: Final = 0.15
@@ -47,7 +47,7 @@ def repaired(
     Returns:
         Two such masks. The ball is as it was given, and where none was, the one in the picture.
     """
-    px = mask.shape[1] / _PICTURE_WIDTH
+    px = max(mask.shape) / _PICTURE_SIDE
     kept: tuple[Mask, Mask | None] | None = None
     if objects is None and found[1] is not None:
         ball = found[1] & ~found[0]

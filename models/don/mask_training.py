@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from pliant.models.networks.mask_network import CLOTH_WIDTH, ROPE_WIDTH, MaskNetwork, at_width
+from pliant.models.networks.mask_network import CLOTH_SIDE, ROPE_SIDE, MaskNetwork, at_side
 from pliant.models.training.loop import StepProgress
 from pliant.spec.frame import Frame
 
@@ -36,21 +36,21 @@ class Sampling:
     """How samples of a kind of object are drawn.
 
     Attributes:
-        width: Pixels from left to right of a picture as the network sees it.
+        side: Pixels of the longer side of a picture as the network sees it.
         scales: Least and largest enlargement of a sample.
         whole: Show whole pictures, not what is around a pixel of the object.
         camouflaged: Probability that some strands have the table's colour.
     """
 
-    width: int
+    side: int
     scales: tuple[float, float]
     whole: bool
     camouflaged: float
 
 
 SAMPLINGS: Final = {
-    "rope": Sampling(ROPE_WIDTH, (0.5, 1.6), whole=False, camouflaged=0.15),
-    "cloth": Sampling(CLOTH_WIDTH, (0.8, 1.2), whole=True, camouflaged=0.0),
+    "rope": Sampling(ROPE_SIDE, (0.5, 1.6), whole=False, camouflaged=0.15),
+    "cloth": Sampling(CLOTH_SIDE, (0.8, 1.2), whole=True, camouflaged=0.0),
 }
 
 
@@ -107,7 +107,7 @@ def _sample(frame: Frame, rng: np.random.Generator, sampling: Sampling) -> torch
     assert frame.mask is not None
     objects = frame.mask if frame.objects is None else frame.objects
     planes = [frame.rgb / 255, frame.mask[..., None], objects[..., None]]
-    whole = at_width(np.concatenate(planes, axis=2).astype(np.float32), sampling.width)
+    whole = at_side(np.concatenate(planes, axis=2).astype(np.float32), sampling.side)
     height, width = whole.shape[:2]
     rows, columns = np.nonzero(whole[..., 4] > 0.5)
     centre = rng.uniform(0, [width, height])

@@ -15,10 +15,11 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.tracing import MaskShape, Skeleton, half_width_px
+from pliant.models.networks.mask_network import shape_at_side
 from pliant.spec.arrays import FloatArray, Mask
 
 # Set on 24 validation pictures of ropes next to cloths, ropes and cables.
-_WIDTH: Final = 640  # pixels of a picture as it is read here
+_SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
 _ALIKE_WIDTH: Final = 1.35
 _ALIKE_COLOUR: Final = 40.0  # of 255 each, sRGB
 _STRANDS: Final = 80
@@ -44,8 +45,7 @@ def of_one_rope(
     """
     if not MaskShape.of(rope, None if ball is None else rope | ball).several_ropes:
         return rope, ball
-    height, width = rope.shape
-    shape = (max(1, round(_WIDTH * height / width)), _WIDTH)
+    shape = shape_at_side(rope.shape, _SIDE)
     small = resized(rope, shape)
     picture = cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
     small_ball = None if ball is None else resized(ball, shape)

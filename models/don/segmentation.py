@@ -21,9 +21,10 @@ from scipy import ndimage
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
 from pliant.models.don.one_rope import of_one_rope, resized
+from pliant.models.networks.mask_network import shape_at_side
 from pliant.spec.arrays import FloatArray, Mask
 
-_WORKING_WIDTH: Final = 320
+_WORKING_SIDE: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
 _DECIDED: Final = 0.9
 _LEAST_ROPE: Final = 0.2
@@ -69,7 +70,7 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
         return None
     ball = ball_in(objects, _working(seen.rope, shape), _working(seen.first, shape))
     rope = resized(objects & ~ball, shape)
-    if seen.rope.shape[1] > _WORKING_WIDTH:  # it knows the edges better than the smaller picture
+    if max(seen.rope.shape) > _WORKING_SIDE:  # it knows the edges better than the smaller picture
         rope &= cv2.resize(seen.rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
     rope, own = of_one_rope(rgb, rope, resized(ball, shape) if ball.any() else None)
     return rope, None if own is None else rope | own
@@ -112,7 +113,7 @@ def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask 
 
 def _working(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> FloatArray:
     """Return values at the working size of a picture (height, width)."""
-    size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * shape[0] / shape[1])))
+    size = shape_at_side(shape, _WORKING_SIDE)[::-1]
     resized = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(resized, dtype=np.float64)
 

@@ -14,10 +14,10 @@ from pliant.models.networks.unet import UNet
 MASKS: Final = "masks.safetensors"
 """The weights of a run's `MaskNetwork`."""
 
-ROPE_WIDTH: Final = 640
-"""Pixels from left to right of a picture in which a rope is looked for."""
+ROPE_SIDE: Final = 640
+"""Pixels of the longer side of a picture in which a rope is looked for."""
 
-CLOTH_WIDTH: Final = 320
+CLOTH_SIDE: Final = 320
 """The same for a cloth, which has no thin parts, and of which all has to be seen at once."""
 
 
@@ -27,25 +27,38 @@ class MaskNetwork(UNet):
     def __init__(self) -> None:
         super().__init__(3, 2, widths=(16, 32, 48, 64), global_blocks=1, patch=2)
 
-    def found(self, rgb: npt.NDArray[np.uint8], width: int = ROPE_WIDTH) -> npt.NDArray[np.float32]:
-        """Return the probabilities of a picture at the width that the network sees.
+    def found(self, rgb: npt.NDArray[np.uint8], side: int = ROPE_SIDE) -> npt.NDArray[np.float32]:
+        """Return the probabilities of a picture at the size that the network sees.
 
         Args:
             rgb: uint8 (H, W, 3), sRGB.
-            width: That width, as in training.
+            side: Its longer side there, as in training, pixels.
 
         Returns:
-            float32 (2, h, width), 0 to 1: that a pixel shows the object, and that or its ball.
+            float32 (2, h, w), 0 to 1: that a pixel shows the object, and that or its ball.
         """
-        picture = torch.from_numpy(at_width(rgb.astype(np.float32) / 255, width))
+        picture = torch.from_numpy(at_side(rgb.astype(np.float32) / 255, side))
         with torch.inference_mode():
             logits = self(picture.permute(2, 0, 1)[None])[0]
             return np.asarray(logits.sigmoid().numpy(), dtype=np.float32)
 
 
-def at_width(image: npt.NDArray[Any], width: int) -> npt.NDArray[Any]:
-    """Return an image (H, W, C) resized to a number of pixels from left to right."""
-    rows, columns = image.shape[:2]
-    size = (width, max(1, round(width * rows / columns)))
-    how = cv2.INTER_AREA if columns > width else cv2.INTER_LINEAR
-    return image if columns == width else cv2.resize(image, size, interpolation=how)
+def at_side(image: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
+    """Return an image (H, W, C) resized to a number of pixels along its longer side."""
+    height, width = shape_at_side(image.shape, side)
+    if (height, width) == image.shape[:2]:
+        return image
+    how = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_LINEAR
+    return cv2.resize(image, (width, height), interpolation=how)
+
+
+def shape_at_side(shape: tuple[int, ...], side: int) -> tuple[int, int]:
+    """Return the (height, width) of a picture, resized to a number of pixels along its longer side.
+
+    Args:
+        shape: (height, width, ...) of the picture, px.
+        side: That number.
+    """
+    height, width = shape[:2]
+    longer = max(height, width)
+    return max(1, round(side * height / longer)), max(1, round(side * width / longer))

@@ -14,7 +14,7 @@ from pliant.models.don.mask_training import (
     _with_strands_of,
     fit_masks,
 )
-from pliant.models.networks.mask_network import CLOTH_WIDTH, MASKS, MaskNetwork
+from pliant.models.networks.mask_network import CLOTH_SIDE, MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
 from pliant.spec.frame import Frame
@@ -37,7 +37,11 @@ def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
     beyond = shadow & ~ndimage.binary_dilation(rope | ball)
     assert p_objects[beyond].mean() < 0.05
     assert overlap(p_rope > 0.5, rope) > 0.8
-    # A picture of another size is seen at the same width.
+    # Upright and narrow pictures are not enlarged beyond that.
+    assert network.found(np.zeros((2000, 17, 3), np.uint8)).shape == (2, 640, 5)
+    upright = network.found(np.ascontiguousarray(np.rot90(rgb)))
+    assert overlap(np.rot90(upright[0] > 0.5, -1), rope) > 0.8
+    # A picture of another size is seen at the same one.
     halved = network.found(np.ascontiguousarray(rgb[::2, ::2]))
     assert halved.shape == (2, HEIGHT, WIDTH)
     assert overlap(halved[1] > 0.5, p_objects > 0.5) > 0.7
@@ -53,7 +57,7 @@ def test_the_shipped_network_finds_a_cloth_and_not_the_cable_on_it() -> None:
     rgb = np.full((HEIGHT, WIDTH, 3), [120.0, 105.0, 90.0])
     rgb[cloth], rgb[cable] = [70, 140, 90], [30, 30, 35]
     picture = (rgb * light[..., None]).clip(0, 255).astype(np.uint8)
-    found = network.found(picture, CLOTH_WIDTH)[0]
+    found = network.found(picture, CLOTH_SIDE)[0]
     p = np.kron(found, np.ones((2, 2)))
     assert overlap(p > 0.5, cloth & ~cable) > 0.8
     assert p[cable & ~cloth].mean() < 0.2
