@@ -292,7 +292,7 @@ def _refuse(
     if wrong.any():
         row = int(np.argmax(wrong))
         found = ", ".join(f"{key} {numbers[key][row]}" for key in keys)
-        total = f" (and {wrong.sum() - 1} more rows)" if wrong.sum() > 1 else ""
+        total = f" (and {wrong.sum() - 1} more)" if wrong.sum() > 1 else ""
         raise SubmissionError(
             message, path=path, where=_row(path, row, first), found=f"{found}{total}",
             required="the ids of the queries file, each once",
