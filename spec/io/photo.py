@@ -22,7 +22,8 @@ BLACK: Final = 10
 """Brightest value of a mask's channel that still counts as black (JPEG is never quite)."""
 
 _FLOATING: Final = "F"
-_NUMBERS: Final = (_FLOATING, "I")  # Pillow's modes of 32 bits: labels, or no picture
+_INTEGER: Final = "I"
+_NUMBERS: Final = (_FLOATING, _INTEGER)  # Pillow's modes of 32 bits: labels, or no picture
 
 _MILLIMETRES_PER_METRE: Final = 1000.0
 _TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
@@ -216,7 +217,8 @@ def _eight_bit(picture: Image.Image) -> Image.Image:
         grey = np.asarray(picture, dtype=np.int64)
         if grey.min() < 0 or grey.max() > 65535:
             raise ValueError("its numbers exceed 16 bits: save it with 8 or 16 bits a channel")
-        return Image.fromarray((grey >> 8).astype(np.uint8)).convert("RGB")
+        eight = picture.mode == _INTEGER and grey.max() <= 255
+        return Image.fromarray((grey if eight else grey >> 8).astype(np.uint8)).convert("RGB")
     if "A" in picture.getbands() or "transparency" in picture.info:
         layered = picture.convert("RGBA")
         picture = Image.alpha_composite(Image.new("RGBA", layered.size, "black"), layered)

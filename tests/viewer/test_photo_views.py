@@ -23,6 +23,7 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
         "plain.png": Image.fromarray(rgb),
         "grey.png": Image.fromarray(rgb[..., 0]),
         "grey16.png": Image.fromarray(grey16),
+        "grey32.tif": Image.fromarray(rgb[..., 0].astype(np.int32)),
         "alpha.png": Image.fromarray(alpha.astype(np.uint8)),
         "colours.gif": Image.fromarray(rgb).quantize(256),
     }
@@ -36,6 +37,7 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
     grey = np.repeat(rgb[..., :1], 3, axis=2)
     np.testing.assert_array_equal(read_photo(tmp_path / "grey.png"), grey)
     np.testing.assert_array_equal(read_photo(tmp_path / "grey16.png"), grey)
+    np.testing.assert_array_equal(read_photo(tmp_path / "grey32.tif"), grey)
     shown = read_photo(tmp_path / "alpha.png")
     assert (shown[:, :4] == 0).all()
     np.testing.assert_array_equal(shown[:, 4:], rgb[:, 4:])
