@@ -21,7 +21,7 @@ from pliant.models.networks.mask_network import CLOTH_SIDE, ROPE_SIDE, MaskNetwo
 from pliant.models.training.loop import StepProgress
 from pliant.spec.frame import Frame
 
-_SHAPE: Final = (256, 320)  # rows, columns of a sample, in pixels of a picture of working width
+_SHAPE: Final = (256, 320)  # rows, columns of a sample, as the network sees it
 _BATCH: Final = 6
 _RATE: Final = 3e-3
 _NEW_BACKGROUND: Final = 0.4

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.tracing import MaskShape, Skeleton, half_width_px
-from pliant.models.networks.mask_network import shape_at_side
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.io.resizing import with_longer_side
 
 # Set on 24 validation pictures of ropes next to cloths, ropes and cables.
 _SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
@@ -45,7 +45,7 @@ def of_one_rope(
     """
     if not MaskShape.of(rope, None if ball is None else rope | ball).several_ropes:
         return rope, ball
-    shape = shape_at_side(rope.shape, _SIDE)
+    shape = with_longer_side(rope.shape, _SIDE)
     small = resized(rope, shape)
     picture = cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
     small_ball = None if ball is None else resized(ball, shape)

@@ -21,8 +21,8 @@ from scipy import ndimage
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
 from pliant.models.don.one_rope import of_one_rope, resized
-from pliant.models.networks.mask_network import shape_at_side
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.io.resizing import with_longer_side
 
 _WORKING_SIDE: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
@@ -113,9 +113,8 @@ def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask 
 
 def _working(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> FloatArray:
     """Return values at the working size of a picture (height, width)."""
-    size = shape_at_side(shape, _WORKING_SIDE)[::-1]
-    resized = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
-    return np.asarray(resized, dtype=np.float64)
+    size = with_longer_side(shape, _WORKING_SIDE)[::-1]
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
 def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.models.networks.unet import UNet
+from pliant.spec.io.resizing import with_longer_side
 
 MASKS: Final = "masks.safetensors"
 """The weights of a run's `MaskNetwork`."""
@@ -45,20 +46,8 @@ class MaskNetwork(UNet):
 
 def at_side(image: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
     """Return an image (H, W, C) resized to a number of pixels along its longer side."""
-    height, width = shape_at_side(image.shape, side)
+    height, width = with_longer_side(image.shape, side)
     if (height, width) == image.shape[:2]:
         return image
     how = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_LINEAR
     return cv2.resize(image, (width, height), interpolation=how)
-
-
-def shape_at_side(shape: tuple[int, ...], side: int) -> tuple[int, int]:
-    """Return the (height, width) of a picture, resized to a number of pixels along its longer side.
-
-    Args:
-        shape: (height, width, ...) of the picture, px.
-        side: That number.
-    """
-    height, width = shape[:2]
-    longer = max(height, width)
-    return max(1, round(side * height / longer)), max(1, round(side * width / longer))

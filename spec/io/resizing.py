@@ -11,6 +11,21 @@ from PIL import Image
 _COVERED: Final = 0.5
 
 
+def with_longer_side(size: tuple[int, ...], side: int) -> tuple[int, int]:
+    """Return the size of a picture whose longer side is changed to a number of pixels.
+
+    Args:
+        size: Its two sides, px, in either order; what follows them is ignored.
+        side: That number.
+
+    Returns:
+        The sides in the order of `size`, at least 1 px each.
+    """
+    first, second = size[:2]
+    longer = max(first, second)
+    return max(1, round(first * side / longer)), max(1, round(second * side / longer))
+
+
 def resize_nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
     """Return values at another size: those under each new pixel's centre.
 
