@@ -102,9 +102,8 @@ def model(
     """
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.run import generate
-    from pliant.models.don.settings import DonSettings
     from pliant.models.model_recipe import RECIPES, make_model, read_recipe
-    from pliant.spec.configuration import merged, settings_from
+    from pliant.spec.configuration import settings_from
     from pliant.spec.constraints import did_you_mean
     from pliant.spec.cores import cpu_cores
     from pliant.spec.errors import CallError
@@ -119,12 +118,8 @@ def model(
             fix=did_you_mean(recipe, shipped),
         )
     chosen = read_recipe(path, overrides, sequences)
-    # A wrong setting of the last stage is found before the first set is generated.
-    for name, config in chosen.sets.items():
+    for name, config in chosen.sets.items():  # before the first one is generated
         settings_from(GenerateConfig, config, f"sets.{name}", path=path)
-    for stage in chosen.stages.values():
-        values = merged(chosen.settings, stage.settings)
-        settings_from(DonSettings, values, path=path, overrides=overrides)
     count = workers or cpu_cores()
 
     def made_set(config: Mapping[str, Any], folder: Path) -> None:

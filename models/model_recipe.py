@@ -150,6 +150,8 @@ def read_recipe(
     for name, each in recipe.stages.items():
         _check_known({each.start, *each.mean_of} - {""}, earlier, path, f"stages.{name}")
         _check_known(set(each.sets), set(recipe.sets), path, f"stages.{name}.sets")
+        values = merged(recipe.settings, each.settings)
+        settings_from(DonSettings, values, path=path, overrides=overrides)
         earlier.add(name)
     if recipe.masks is not None:
         _check_known(set(recipe.masks.sets), set(recipe.sets), path, "masks.sets")
@@ -181,7 +183,8 @@ def make_model(
         recipe: How.
         out: The folder of sets, stages and the model.
         generate: Makes a dataset in a folder, or resumes it.
-        watched: What is called after each step of a stage, by its name and number of steps.
+        watched: Name and number of steps of a stage -> what is called after each of them, while
+            the stage is trained.
 
     Returns:
         The exported model's folder.
