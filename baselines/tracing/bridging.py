@@ -22,6 +22,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from pliant.baselines.tracing.depth_in_mask import MARGIN
 from pliant.baselines.tracing.ends import Ball
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import Skeleton
@@ -83,7 +84,7 @@ def bridged(mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | N
         return mask
     picture = Image.fromarray(mask).convert("L")
     drawing = ImageDraw.Draw(picture)
-    width = max(1, round(2 * half_px / 1.15 * factor))  # `half_width_px` adds 15 %
+    width = max(1, round(2 * half_px / MARGIN * factor))
     for one, other in bridges:
         curve = _curve(one, other) * factor - 0.5  # Pillow has pixel centres at whole numbers
         drawing.line([tuple(place) for place in curve], fill=255, width=width, joint="curve")

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
+
+MARGIN: Final = 1.15
+"""`half_width_px` over the median depth in a mask."""
 
 
 def working_factor(mask: Mask) -> int:
@@ -60,7 +65,7 @@ def half_width_px(depth_px: FloatArray) -> float:
         depth_px: float64, depths in its mask, from `depth_in_mask`.
     """
     inner = depth_px[depth_px > 1]
-    return 1.15 * float(np.median(inner)) if len(inner) else 1.0
+    return MARGIN * float(np.median(inner)) if len(inner) else 1.0
 
 
 def ridge(depth_px: FloatArray, least_px: float) -> Mask:
