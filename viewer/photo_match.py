@@ -199,6 +199,7 @@ def match_photo(
     near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
     blank = _blank(source, target)
     remarks = matcher.remarks(source, target) if isinstance(matcher, RemarkingMatcher) else []
+    remarks = [*remarks, *_beside_object(matcher, source, uv_a_px)]
     return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks)
 
 
@@ -209,6 +210,25 @@ class MaskFinder(Protocol):
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         ...
+
+
+def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float32]) -> list[str]:
+    """Return what should be known of queries that are not near the object that the method found."""
+    if source.mask is not None or not isinstance(matcher, MaskFinder):
+        return []
+    mask = matcher.object_mask(source)
+    if mask is None or not mask.any():
+        return []
+    places_px = np.argwhere(mask)[:, ::-1] + 0.5
+    near_px = _NEAR_SHARE * max(mask.shape)
+    beside = sum(float(np.hypot(*(places_px - uv).T).min()) > near_px for uv in uv_px)
+    if not beside:
+        return []
+    which = f"{beside} of {len(uv_px)} points are" if len(uv_px) > 1 else "The point is"
+    return [
+        f"{which} not on the object that {matcher.name} found in the source: choose a point of "
+        "the object, or give its mask."
+    ]
 
 
 def grid_points(

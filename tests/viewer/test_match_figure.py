@@ -278,6 +278,19 @@ def test_a_grid_is_on_the_object_that_the_method_finds() -> None:
     assert max(u for u, _ in grid_points(Identity(), view, 16, (60, 40))) > 50
 
 
+def test_a_point_beside_the_object_that_the_method_finds_is_said() -> None:
+    rgb = np.random.default_rng(0).integers(0, 99, (40, 60, 3)).astype(np.uint8)
+    rgb[10:30, 20:40] = 255
+    bare = Frame(rgb)
+    said = "not on the object that identity found in the source"
+    assert match_photo(Finder(), bare, bare, [(25, 15)]).warnings() == []
+    assert match_photo(Finder(), bare, bare, [(19.5, 15)]).warnings() == []  # masks end roughly
+    assert f"The point is {said}" in match_photo(Finder(), bare, bare, [(15, 15)]).warnings()[0]
+    several = match_photo(Finder(), bare, bare, [(25, 15), (5, 5), (55, 5)]).warnings()
+    assert f"2 of 3 points are {said}" in several[0]
+    assert match_photo(Identity(), bare, bare, [(5, 5)]).warnings() == []
+
+
 @pytest.mark.parametrize("method", ["sift", "surf", "orb", "random"])
 @pytest.mark.parametrize("case", ["tiny", "black", "empty"])
 def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) -> None:
