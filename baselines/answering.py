@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.baselines.answers import checked_answers
+from pliant.baselines.answers import checked_answers, checked_matches
 from pliant.baselines.matcher import KeypointMatcher, Matcher, SharingMatcher, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
@@ -73,12 +73,13 @@ class _Worker:
     def _one(self, pair: QueryPair) -> Result:
         seen = pair.seen(masks=self._masks)
         masked = seen.target.mask is not None
+        name, place = self._matcher.name, f"pair {pair.pair_id}"
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
             with self._named([pair]):
-                return self._matcher.match(seen.source, seen.target), masked
+                matches = self._matcher.match(seen.source, seen.target)
+            return checked_matches(matches, name, place), masked
         with self._named([pair]):
             found = self._matcher.answer(seen)
-        name, place = self._matcher.name, f"pair {pair.pair_id}"
         return checked_answers(found, len(pair), name, place), masked
 
 

@@ -3,22 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.answers import MAX_POSITION_PX, MAX_SIGMA_PX, Answers
+from pliant.spec.answers import (
+    MAX_MODES,
+    MAX_POSITION_PX,
+    MAX_SIGMA_PX,
+    WEIGHT_TOLERANCE,
+    Answers,
+    Matches,
+)
+from pliant.spec.arrays import Float32Array
 from pliant.spec.errors import SubmissionError
 
-_LEAST_SIGMA_PX: Final = float(np.nextafter(np.float32(0), np.float32(1)))
-_FIELDS: Final[dict[str, tuple[tuple[int, ...], float, float, str]]] = {
-    "uv_px": ((2,), -MAX_POSITION_PX, MAX_POSITION_PX, "a finite position within ±1e6 px"),
-    "visible": ((), 0.0, 1.0, "a probability, 0 to 1"),
-    "sigma_px": ((), _LEAST_SIGMA_PX, MAX_SIGMA_PX, "greater than 0 and at most 1e6 px"),
-}
-"""Shape of one answer, smallest and largest value, and these in words."""
+Bounds = tuple[float, float, str]
+"""Smallest and largest value, and these in words."""
+
+_POSITION: Final[Bounds] = (-MAX_POSITION_PX, MAX_POSITION_PX, "a finite position within ±1e6 px")
+_PROBABILITY: Final[Bounds] = (0.0, 1.0, "a probability, 0 to 1")
+_SIGMA: Final[Bounds] = (
+    float(np.nextafter(np.float32(0), np.float32(1))),
+    MAX_SIGMA_PX,
+    "greater than 0 and at most 1e6 px",
+)
+_WEIGHT: Final[Bounds] = (0.0, 1.0, "a weight, 0 to 1")
+_SUM: Final[Bounds] = (1 - WEIGHT_TOLERANCE, 1 + WEIGHT_TOLERANCE, "weights that sum to 1")
+_SCORE: Final[Bounds] = (
+    float(np.finfo(np.float32).min),
+    float(np.finfo(np.float32).max),
+    "a finite number",
+)
 
 
 def checked_answers(found: object, count: int, method: str, where: str) -> Answers:
@@ -39,35 +57,114 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
         'float32'
     """
     answers = found if isinstance(found, Answers) else Answers(found)  # type: ignore[arg-type]
-    fields: dict[str, Any] = {}
-    for name, (shape, least, most, required) in _FIELDS.items():
-        given = getattr(answers, name)
-        if given is None and name != "uv_px":
-            continue
-        values = fields[name] = _floats(given, method, where)
-        if values.shape != (count, *shape):
+    check = _Check(method, where)
+    fields: dict[str, Any] = {"uv_px": check.values("uv_px", answers.uv_px, (count, 2), _POSITION)}
+    for name, bounds in (("visible", _PROBABILITY), ("sigma_px", _SIGMA)):
+        if (given := getattr(answers, name)) is not None:
+            fields[name] = check.values(name, given, (count,), bounds)
+    if answers.modes is not None:
+        fields["modes"] = check.modes(answers.modes, count)
+        if answers.sigma_px is not None:
             raise SubmissionError(
-                f"the method {method!r} answered in the wrong shape",
-                where=f"{where}, {name}",
-                found=values.shape,
-                required=(count, *shape),
+                f"the method {method!r} gave both sigma_px and modes",
+                where=where,
+                required="one of them or none",
             )
+    return replace(answers, **fields)
+
+
+def checked_matches(found: Any, method: str, where: str | None = None) -> Matches:
+    """Return a method's keypoint matches as arrays.
+
+    Args:
+        found: `Matches`, or array-likes or torch tensors (M, 2), (M, 2) and where there are
+            scores (M,).
+        method: The method's name, for messages.
+        where: Which pair, for messages.
+
+    Raises:
+        SubmissionError: Wrong shapes or values.
+
+    Examples:
+        >>> found = pliant.baselines.answers.checked_matches(([[3, 4]], [[5, 6]]), "mine")
+        >>> found.score.tolist()
+        [1.0]
+    """
+    if isinstance(found, Matches):
+        found = (found.uv_a_px, found.uv_b_px, found.score)
+    parts = [to_array(part) for part in found] if isinstance(found, tuple | list) else []
+    count = len(parts[0]) if parts and parts[0].ndim else 0
+    shapes = [(count, 2), (count, 2), (count,)]
+    if len(parts) not in (2, 3) or [part.shape for part in parts] != shapes[: len(parts)]:
+        raise SubmissionError(
+            f"the method {method!r} returned no matches",
+            where=where,
+            found=[part.shape for part in parts] if parts else type(found).__name__,
+            required="`Matches`, or arrays (M, 2), (M, 2) and optionally scores (M,)",
+        )
+    score = parts[2] if len(parts) == 3 else np.ones(count)
+    check = _Check(method, where)
+    return Matches(
+        check.values("uv_a_px", parts[0], (count, 2), _POSITION),
+        check.values("uv_b_px", parts[1], (count, 2), _POSITION),
+        check.values("score", score, (count,), _SCORE),
+    )
+
+
+@dataclass(frozen=True)
+class _Check:
+    """Refuses wrong arrays, naming the method and the pair."""
+
+    method: str
+    where: str | None
+
+    def values(
+        self, name: str, given: object, shape: tuple[int, ...], bounds: Bounds
+    ) -> Float32Array:
+        """Return an array as float32 if it has this shape and its values are within bounds."""
+        values = _floats(given, self.method, self.where)
+        if values.shape != shape:
+            self._refuse_shape(name, values.shape, shape)
+        least, most, required = bounds
         wrong = ~((values >= least) & (values <= most))
         if wrong.any():
             raise SubmissionError(
-                f"the method {method!r} gave a value that is not possible",
-                where=f"{where}, {name}",
+                f"the method {self.method!r} gave a value that is not possible",
+                where=self._place(name),
                 found=f"{values[wrong][0]} ({int(wrong.sum())} of {values.size} values)",
                 required=required,
             )
-    if answers.modes is not None and len(answers.modes) != count:
+        return values
+
+    def modes(self, given: Any, count: int) -> list[Float32Array]:
+        """Return the mixtures of all queries as float32 (M_i, 4)."""
+        rows = [_floats(row, self.method, self.where) for row in given]
+        if len(rows) != count:
+            self._refuse_shape("modes", len(rows), count)
+        for row in rows:
+            if row.ndim != 2 or row.shape[1] != 4 or not 1 <= len(row) <= MAX_MODES:
+                required = f"(M, 4) per query, M from 1 to {MAX_MODES}"
+                self._refuse_shape("modes", row.shape, required)
+        fields = np.concatenate([np.zeros((0, 4), np.float32), *rows]).T  # (4, sum of M_i)
+        names = ("u", "v", "sigma", "weight")
+        for name, field, bounds in zip(
+            names, fields, (_POSITION, _POSITION, _SIGMA, _WEIGHT), strict=True
+        ):
+            self.values(f"modes, {name}", field, field.shape, bounds)
+        sums = np.array([row[:, 3].sum() for row in rows])
+        self.values("modes, weight", sums, sums.shape, _SUM)
+        return rows
+
+    def _refuse_shape(self, name: str, found: object, required: object) -> NoReturn:
         raise SubmissionError(
-            f"the method {method!r} answered in the wrong shape",
-            where=f"{where}, modes",
-            found=len(answers.modes),
-            required=count,
+            f"the method {self.method!r} answered in the wrong shape",
+            where=self._place(name),
+            found=found,
+            required=required,
         )
-    return replace(answers, **fields)
+
+    def _place(self, name: str) -> str:
+        return f"{self.where}, {name}" if self.where else name
 
 
 def to_array(values: Any) -> npt.NDArray[Any]:
@@ -77,7 +174,7 @@ def to_array(values: Any) -> npt.NDArray[Any]:
     return np.asarray(values)
 
 
-def _floats(found: object, method: str, where: str) -> npt.NDArray[np.float32]:
+def _floats(found: object, method: str, where: str | None) -> Float32Array:
     """Return what a method gave as float32; a number beyond that is infinite."""
     try:
         with np.errstate(over="ignore"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,7 +115,7 @@ def answer(
     """Answer a split's queries with a matcher, in memory; see `predict`."""
     matcher = as_matcher(matcher)
     _check_call(dataset, split, matcher, "answers", workers)
-    facts: dict[str, Any] = {**matcher.describe(), "name": matcher.name}
+    facts = _facts(matcher)
     keys = query_keys(dataset, split)
     if isinstance(matcher, SplitMatcher):
         whole = matcher.answer_split(dataset, split)
@@ -174,12 +175,26 @@ def predict(
         found = answer(dataset, split, matcher, workers=workers, masks=masks, progress=progress)
         return Prediction(found.write(out), kind, found.method, found.pairs, len(found))
     assert not isinstance(matcher, SplitMatcher)  # _check_call refuses it for matches
-    facts: dict[str, Any] = {**matcher.describe(), "name": matcher.name}
+    facts = _facts(matcher)
     results, facts["mask"] = _results(dataset, split, matcher, kind, workers, progress, masks=masks)
     matches = [each for each in results if isinstance(each, Matches)]
     numbers = np.unique(query_keys(dataset, split).pair_id).tolist()
     write_matches(out, dataset, split, list(zip(numbers, matches, strict=True)), facts)
     return Prediction(out, kind, facts, len(results), sum(len(each.score) for each in matches))
+
+
+def _facts(matcher: Matcher | SplitMatcher) -> dict[str, Any]:
+    """Return what the footer says of a method; asked before the work, which would be lost."""
+    try:
+        facts = {**matcher.describe(), "name": matcher.name}
+        stored: dict[str, Any] = json.loads(json.dumps(facts, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise CallError(
+            f"the footer cannot store what `describe` of {matcher.name!r} returned",
+            found=error,
+            required="a dictionary of texts, finite numbers, lists and dictionaries",
+        ) from error
+    return stored
 
 
 def _results(

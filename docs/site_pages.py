@@ -69,7 +69,8 @@ API: Final = {
         *("baselines.matcher.HeatMatcher", "baselines.matcher.RemarkingMatcher"),
         *("baselines.matcher.TrackMatcher", "baselines.matcher.SplitMatcher"),
         *("baselines.views.read_frame", "models.load_matcher"),
-        *("baselines.answers.checked_answers", "baselines.answers.joined"),
+        *("baselines.answers.checked_answers", "baselines.answers.checked_matches"),
+        "baselines.answers.joined",
     ),
     "Scenes": (
         *("scene.bodies.Rope", "scene.bodies.Cloth", "scene.film.camera"),

@@ -15,6 +15,12 @@ scored by its distance; a number beyond this bound is none."""
 MAX_SIGMA_PX: Final = 1e6
 """Largest standard deviation."""
 
+MAX_MODES: Final = 64
+"""Largest number of modes of one answer."""
+
+WEIGHT_TOLERANCE: Final = 1e-3
+"""The weights of an answer's modes sum to 1 within this."""
+
 
 @dataclass(frozen=True)
 class Answers:

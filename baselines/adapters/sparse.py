@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.baselines.adapters.images import Images, function_name
-from pliant.baselines.answers import to_array
+from pliant.baselines.answers import checked_matches
 from pliant.baselines.pixels import central_position
 from pliant.spec.answers import Answers, Matches
 from pliant.spec.arrays import FloatArray
-from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
 
 _RIDGE: Final = 1e-3
@@ -61,7 +61,7 @@ class SparseMatcher:
         Raises:
             SubmissionError: The function did not return matches.
         """
-        return as_matches(self._match(source, target), self.name)
+        return checked_matches(self._match(source, target), self.name)
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
@@ -83,7 +83,7 @@ def on_images(
     """Return a function of two views that calls one of two images.
 
     Args:
-        function: (source image, target image) -> matches in any form that `as_matches` accepts.
+        function: (source image, target image) -> matches as `checked_matches` takes them.
         images: How the function receives images and counts positions.
         name: Name of the method, for messages.
     """
@@ -93,7 +93,7 @@ def on_images(
 def _match_images(
     function: Callable[[Any, Any], Any], images: Images, name: str, source: Frame, target: Frame
 ) -> Matches:
-    matches = as_matches(function(images.image(source), images.image(target)), name)
+    matches = checked_matches(function(images.image(source), images.image(target)), name)
     return Matches(
         images.from_function(matches.uv_a_px, source).astype(np.float32),
         images.from_function(matches.uv_b_px, target).astype(np.float32),
@@ -121,28 +121,6 @@ def from_sparse(
     name = name or function_name(function)
     match = on_images(function, images or Images(), name)
     return SparseMatcher(match, name, neighbours, facts={"implementation": "sparse matches"})
-
-
-def as_matches(found: Any, method: str) -> Matches:
-    """Return matches in any of the accepted forms as `Matches`.
-
-    Raises:
-        SubmissionError: They are in none of them.
-    """
-    if isinstance(found, Matches):
-        return found
-    parts = [to_array(part) for part in found] if isinstance(found, tuple | list) else []
-    count = len(parts[0]) if parts and parts[0].ndim else 0
-    shapes = [(count, 2), (count, 2), (count,)]
-    if len(parts) not in (2, 3) or [part.shape for part in parts] != shapes[: len(parts)]:
-        shown = [part.shape for part in parts] if parts else type(found).__name__
-        raise SubmissionError(
-            f"the method {method!r} returned no matches",
-            found=shown,
-            required="`Matches`, or arrays (M, 2), (M, 2) and optionally scores (M,)",
-        )
-    score = parts[2] if len(parts) == 3 else np.ones(count)
-    return Matches(*(part.astype(np.float32) for part in (parts[0], parts[1], score)))
 
 
 def interpolate(

@@ -16,16 +16,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.evaluator.submission.problems import Problems
-from pliant.spec.answers import MAX_POSITION_PX, MAX_SIGMA_PX
+from pliant.spec.answers import MAX_MODES, MAX_POSITION_PX, MAX_SIGMA_PX, WEIGHT_TOLERANCE
 from pliant.spec.arrays import BoolArray, IntArray, RealArray
 
 # What a submission may contain, whichever protocol scores it.
-
-MAX_MODES: Final = 64
-"""Largest number of modes in one row."""
-
-WEIGHT_TOLERANCE: Final = 1e-3
-"""The weights of a row's modes sum to 1 within this."""
 
 MAX_SUBMISSION_BYTES: Final = 16 * 2**30
 """Largest file."""

@@ -18,9 +18,10 @@ import pliant
 from pliant.baselines import METHODS, Answers
 from pliant.baselines.predict import answer, predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
+from pliant.spec.answers import Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
-from pliant.spec.frame import Pair
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.storage import layout
 
@@ -79,7 +80,8 @@ def test_optional_columns_round_trip(cards: Dataset, tmp_path: Path) -> None:
 
     def modes(count: int) -> list[npt.NDArray[np.float32]]:
         two = np.array([[1, 2, 3, 0.25], [4, 5, 6, 0.75]], dtype=np.float32)
-        return [two[: 1 + row % 2] for row in range(count)]
+        one = np.array([[1, 2, 3, 1]], dtype=np.float32)
+        return [two if row % 2 else one for row in range(count)]
 
     predict(cards, "test", Fixed(visible=lambda n: np.full(n, 0.5, np.float32), modes=modes), out)
     table = pq.read_table(out)
@@ -168,6 +170,12 @@ def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> Non
         ({"visible": lambda n: np.full(n, 3)}, "pair 0, visible.*3.0 .*probability, 0 to 1"),
         ({"sigma_px": np.zeros}, "pair 0, sigma_px.*0.0 .*greater than 0"),
         ({"modes": lambda n: []}, "pair 0, modes.*wrong shape"),
+        ({"modes": lambda n: [[(1, 2, 3)]] * n}, r"modes.*shape; found \(1, 3\).*\(M, 4\)"),
+        ({"modes": lambda n: [np.zeros((0, 4))] * n}, "modes.*M from 1 to 64"),
+        ({"modes": lambda n: [[(1, 2, -3, 1)]] * n}, "pair 0, modes, sigma.*-3.0 .*greater"),
+        ({"modes": lambda n: [[(np.nan, 2, 3, 1)]] * n}, "pair 0, modes, u.*nan .*finite"),
+        ({"modes": lambda n: [[(1, 2, 3, 0.5)]] * n}, "modes, weight.*0.5 .*sum to 1"),
+        ({"modes": lambda n: [[(1, 2, 3, 1)]] * n, "sigma_px": np.ones}, "both sigma_px and modes"),
     ],
 )
 def test_answers_that_are_none_are_refused(
@@ -191,6 +199,51 @@ def test_answers_may_be_tensors_of_a_network(cards: Dataset, tmp_path: Path) -> 
     assert table.column("u").to_pylist() == [7.5] * 60
     assert table.column("visible").to_pylist() == [0.75] * 60
     assert pliant.predict(cards, lambda source, target, uv: tensor(len(uv))).answers.uv_px.all()
+
+
+class Matching(Fixed):
+    """Returns as matches whatever a test wants."""
+
+    def match(self, source: Frame, target: Frame) -> Any:
+        return self._fields["matches"]
+
+
+ONE = np.ones((1, 2), np.float32)
+
+
+def test_matches_may_be_plain_lists(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "out.parquet"
+    predict(cards, "test", Matching(matches=([(1, 2)], [(3, 4)])), out, "matches")
+    assert [row["u"] for row in read_table(out, "matches").to_pylist()] == [3, 3, 3]
+
+
+@pytest.mark.parametrize(
+    ("matches", "message"),
+    [
+        (None, "pair 0: .*no matches; found NoneType"),
+        (([(1, 2)], [(3, np.nan)]), "pair 0, uv_b_px.*nan .*finite"),
+        (([(1, 2)], [(3, 1e7)]), "pair 0, uv_b_px.*within"),
+        (([(1, 2)], [(3, 4)], [np.inf]), "pair 0, score.*inf .*finite number"),
+        (Matches(ONE, ONE, ONE[0]), r"found \[\(1, 2\)"),
+    ],
+)
+def test_matches_that_are_none_are_refused(
+    cards: Dataset, tmp_path: Path, matches: Any, message: str
+) -> None:
+    with pytest.raises(SubmissionError, match=message):
+        predict(cards, "test", Matching(matches=matches), tmp_path / "out.parquet", "matches")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("facts", [None, {"x": np.float32(1)}, {"x": float("nan")}])
+def test_a_description_that_cannot_be_stored_is_refused_before_the_work(
+    cards: Dataset, facts: Any
+) -> None:
+    method = Raising()
+    method.describe = lambda: facts  # type: ignore[method-assign]
+    with pytest.raises(CallError, match="the footer cannot store what `describe` of 'raising'"):
+        answer(cards, "test", method)
+    assert method.asked == 0
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -9,7 +9,7 @@ import pytest
 
 from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_sparse
-from pliant.baselines.adapters.sparse import as_matches
+from pliant.baselines.answers import checked_matches
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, counted
@@ -89,7 +89,7 @@ def test_tensors_on_a_device() -> None:
 
 def test_wrong_forms_are_one_sentence() -> None:
     with pytest.raises(SubmissionError, match="returned no matches; found None"):
-        as_matches(None, "mine")
+        checked_matches(None, "mine")
     with pytest.raises(CallError, match="too few neighbours"):
         from_sparse(lambda a, b: None, neighbours=0)
     with pytest.raises(CallError, match="'uv'; required: pixel, index or normalised"):
