@@ -346,7 +346,10 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         known(run.set, config.sets, f"runs.{key}.set")
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
-            known(name, config.asked, f"tests.{key}.variants.{variant}")
+            known(name, config.sets, f"tests.{key}.variants.{variant}")
+            if name not in config.asked:
+                raise CallError("the set has no test split", path=path, where=f"sets.{name}.splits")
+            known(test.tier, config.sets[name].tiers, f"tests.{key}.tier")
         for name in test.runs:
             known(name, config.runs, f"tests.{key}.runs")
         for name in test.methods:

@@ -7,15 +7,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, get_args
 
-from pliant.baselines.submission_file import Kind
+from pliant.baselines.submission_file import Kind, check_split
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
-from pliant.benchmarks.suite.config import Asked, BenchmarkConfig, Test, digest, model_of
+from pliant.benchmarks.suite.config import (
+    TEST_SPLIT,
+    Asked,
+    BenchmarkConfig,
+    Test,
+    digest,
+    model_of,
+)
 from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, run_all
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
 from pliant.models.shipped import CARD, FOLDER
 from pliant.spec.cores import cpu_cores
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.validation.validate import validate
@@ -117,6 +125,8 @@ def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: W
                     found=first.error.splitlines()[-1],
                     fix="Run the same command again to retry them",
                 )
+            if name in config.asked:
+                check_split(Dataset.open(work.set_path(name)), TEST_SPLIT)
             if config.validated:
                 _validate(work.set_path(name), workers)
         cost = work.cost(stage)

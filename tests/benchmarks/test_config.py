@@ -114,6 +114,11 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"sets": []}, "required: a mapping"),
         ({"tests": {"t": {**TEST, "variants": {"a": "b"}}}}, "unknown name"),
         ({"tests": {"t": {**TEST, "figures": ["rms"]}}}, "unknown name"),
+        ({"tests": {"t": {**TEST, "tier": "roope"}}}, "t.tier: .*roope.*Did you mean 'rope'"),
+        (
+            {"sets": {"rope": {"tiers": ["rope"], "splits": {"val": 3}}}, "tests": {"t": TEST}},
+            "sets.rope.splits: the set has no test split",
+        ),
     ],
 )
 def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:

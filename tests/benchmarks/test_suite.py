@@ -281,6 +281,15 @@ def test_folders_that_cannot_be_taken(
         make(config.replace(runs=changed), out, resume=True)
 
 
+def test_a_set_without_queries_ends_the_benchmark(config_file: Path, tmp_path: Path) -> None:
+    """One sequence of one frame has no pair of pictures."""
+    config = read_config(config_file)
+    one = {"rope": config.sets["rope"].replace(splits={"test": 1})}
+    config = config.replace(sets=one, runs={}, tests={}, comparisons=())
+    with pytest.raises(CallError, match="sets/rope: the dataset has no queries for split 'test'"):
+        run_benchmark(config, tmp_path / "out", workers=1, watcher=Recorder())
+
+
 def test_a_failed_training_is_told_and_the_rest_is_kept(
     config_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
