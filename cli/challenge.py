@@ -106,11 +106,13 @@ def invite(challenge: Challenge, team: str, again: bool, as_json: bool) -> None:
 
     with challenge.database.write() as session:
         if again:
-            token = teams.new_token(session, teams.team_of(session, team).id, actor="host")
+            found = teams.team_of(session, team)
+            token = teams.new_token(session, found.id, actor="host")
         else:
-            token = teams.invite(session, team, actor="host")[1]
-    text = f"Token of {team}, shown this once: {token}"
-    echo_result({"team": team, "token": token}, text, as_json=as_json)
+            found, token = teams.invite(session, team, actor="host")
+        name = found.name
+    text = f"Token of {name}, shown this once: {token}"
+    echo_result({"team": name, "token": token}, text, as_json=as_json)
 
 
 @command.command("credit")

@@ -5,16 +5,17 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
+import unicodedata
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from pliant.service.audit import record
 from pliant.service.database import now_ms
 from pliant.service.models import Team, Token, WebSession
 from pliant.spec.errors import CallError
-from pliant.spec.text import unsafe_character
+from pliant.spec.text import name_fault
 
 SESSION_MS = 12 * 3600 * 1000
 _LONGEST_NAME = 80
@@ -50,15 +51,14 @@ def invite(session: Session, name: str, *, actor: str, is_host: bool = False) ->
     Raises:
         CallError: The name is taken, empty, too long, or has characters that cannot be shown.
     """
-    name = " ".join(name.split())
-    if not name or len(name) > _LONGEST_NAME or unsafe_character(name) is not None:
+    name = unicodedata.normalize("NFC", " ".join(name.split()))
+    if len(name) > _LONGEST_NAME or name_fault(name) is not None:
         raise CallError(
             "the team's name cannot be used",
             found=repr(name)[:100],
             required=f"1 to {_LONGEST_NAME} printable characters",
         )
-    taken = select(Team.id).where(func.lower(Team.name) == name.lower())
-    if session.scalar(taken) is not None:
+    if _named(session, name) is not None:
         raise CallError(
             "a team of this name exists",
             found=name,
@@ -104,10 +104,22 @@ def team_of(session: Session, name: str) -> Team:
     Raises:
         CallError: There is none.
     """
-    team = session.scalar(select(Team).where(func.lower(Team.name) == name.strip().lower()))
+    team = _named(session, name)
     if team is None:
         raise CallError("no such team", found=repr(name)[:100], fix="See the admin page.")
     return team
+
+
+def _named(session: Session, name: str) -> Team | None:
+    """Return the team whose name reads the same. SQLite's `lower` knows ASCII letters alone."""
+    wanted = _as_read(name)
+    return next(
+        (each for each in session.scalars(select(Team)) if _as_read(each.name) == wanted), None
+    )
+
+
+def _as_read(name: str) -> str:
+    return unicodedata.normalize("NFKC", " ".join(name.split())).casefold()
 
 
 def identify(session: Session, token: str) -> Identity | None:

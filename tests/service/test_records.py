@@ -27,6 +27,7 @@ from pliant.service.receipts import Signer, read_public_key, verify_receipt, wri
 from pliant.service.rescoring import rescore_challenge
 from pliant.service.settings import read_challenge_settings
 from pliant.service.site import write_challenge_site
+from pliant.service.teams import invite, team_of
 from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.service.conftest import Halves, MakeTrial, Trial
 
@@ -54,6 +55,19 @@ def test_tables_are_those_of_the_models(trial: Trial) -> None:
     with trial.challenge.database.engine.connect() as connection:
         context = MigrationContext.configure(connection)
         assert compare_metadata(context, Base.metadata) == []
+
+
+def test_a_team_is_found_by_its_name_in_any_case_and_composition(trial: Trial) -> None:
+    with trial.challenge.database.write() as session:
+        team, _ = invite(session, " \u00c9quipe  \u03a9\n", actor="host")
+        assert team.name == "\u00c9quipe \u03a9"
+        for same in ("\u00c9quipe \u03a9", "\u00e9QUIPE \u03c9", "E\u0301quipe \u2126"):
+            assert team_of(session, same).id == team.id
+            with pytest.raises(CallError, match="a team of this name exists"):
+                invite(session, same, actor="host")
+        for wrong in ("", "\u3000", "x\u200b", "x\u202ey", "x" * 81):
+            with pytest.raises(CallError, match="name cannot be used"):
+                invite(session, wrong, actor="host")
 
 
 def test_the_database_refuses_to_change_what_is_written(trial: Trial) -> None:
