@@ -93,6 +93,8 @@ def checked_matches(found: Any, method: str, where: str | None = None) -> Matche
     if isinstance(found, Matches):
         found = (found.uv_a_px, found.uv_b_px, found.score)
     parts = [to_array(part) for part in found] if isinstance(found, tuple | list) else []
+    # An empty list has no second dimension.
+    parts[:2] = [part.reshape(0, 2) if part.shape == (0,) else part for part in parts[:2]]
     count = len(parts[0]) if parts and parts[0].ndim else 0
     shapes = [(count, 2), (count, 2), (count,)]
     if len(parts) not in (2, 3) or [part.shape for part in parts] != shapes[: len(parts)]:

@@ -8,7 +8,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import Images, as_grid, cell_centres, function_name, sample
+from pliant.baselines.adapters.images import (
+    Images,
+    as_grid,
+    as_probability,
+    cell_centres,
+    function_name,
+    sample,
+)
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
@@ -64,8 +71,7 @@ class DenseMatcher:
         visible = None
         if confidence is not None:
             certain = as_grid(confidence, 1, self.name)
-            values = sample(certain, _in_cells(uv_a_px, certain, size))[:, 0]
-            visible = np.clip(values, 0, 1).astype(np.float32)
+            visible = as_probability(sample(certain, _in_cells(uv_a_px, certain, size))[:, 0])
         return Answers(answer.astype(np.float32), visible)
 
     def _target_px(self, grid: FloatArray, source: Frame, target: Frame) -> FloatArray:

@@ -14,6 +14,7 @@ from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
+from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
@@ -92,7 +93,14 @@ class DescriptorMatcher:
         return self._maps.get(view.cache_key, lambda: self._described(view))
 
     def _described(self, view: Frame) -> npt.NDArray[np.float32]:
-        grid = as_grid(self._function(self._images.image(view)), None, self.name)
+        found = self._function(self._images.image(view))
+        sizes = (view.rgb.shape[1::-1], self._images.size_of(view))
+        grid = as_grid(found, None, self.name, sizes)
+        if not np.isfinite(grid).all():
+            raise SubmissionError(
+                f"the method {self.name!r} returned descriptors that are not finite",
+                found=f"{np.count_nonzero(~np.isfinite(grid))} of {grid.size} values",
+            )
         return _unit(grid.astype(np.float32))
 
     def _wanted(self, source: Frame, uv_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

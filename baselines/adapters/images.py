@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
 from pliant.baselines.answers import to_array
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
+from pliant.spec.calls import check_type, check_whole
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
 from pliant.spec.frame import Frame
 
 Coordinates = Literal["pixel", "index", "normalised"]
+
+_ROUNDING: Final = 1e-3
+"""Of a network in half precision."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,13 @@ class Images:
                 found=repr(self.coordinates),
                 required="pixel, index or normalised",
             )
+        check_whole("multiple", self.multiple, 1)
+        if self.size is not None:
+            check_type("size", self.size, (tuple, list), required="(width, height)")
+            if len(self.size) != 2:
+                raise CallError("the size is wrong", found=self.size, required="(width, height)")
+            for side in self.size:
+                check_whole("size", side, 1)
 
     def size_of(self, view: Frame) -> FloatArray:
         """Return the width and height that the function sees, float64 (2,), px."""
@@ -112,13 +123,17 @@ def function_name(function: Callable[..., Any]) -> str:
     return str(getattr(function, "__name__", type(function).__name__))
 
 
-def as_grid(values: Any, channels: int | None, method: str) -> FloatArray:
+def as_grid(
+    values: Any, channels: int | None, method: str, sizes: Sequence[npt.ArrayLike] = ()
+) -> FloatArray:
     """Return a map as float64 (h, w, C).
 
     Args:
         values: (h, w, C) or (C, h, w), with or without a batch dimension of 1, array or tensor.
-        channels: C where it is known; None takes a tensor as (C, h, w) and an array as (h, w, C).
+        channels: C; None reads the map in the order in which it has the proportions of an image,
+            and where both orders do, a tensor as (C, h, w) and an array as (h, w, C).
         method: Name of the method, for messages.
+        sizes: Width and height of the images that the map may be of; needed where C is None.
 
     Raises:
         SubmissionError: It has another shape.
@@ -128,7 +143,11 @@ def as_grid(values: Any, channels: int | None, method: str) -> FloatArray:
         grid = grid[0]
     if grid.ndim == 2 and channels == 1:
         grid = grid[..., None]
-    first = hasattr(values, "detach") if channels is None else grid.shape[-1:] != (channels,)
+    if channels is None and grid.ndim == 3 and grid.size:
+        last_off, first_off = (_off(cells, sizes) for cells in (grid.shape[:2], grid.shape[1:]))
+        first = first_off < last_off or (first_off == last_off and hasattr(values, "detach"))
+    else:
+        first = grid.shape[-1:] != (channels,)
     if grid.ndim != 3 or channels not in (None, grid.shape[0 if first else -1]):
         size = "C" if channels is None else channels
         raise SubmissionError(
@@ -137,6 +156,24 @@ def as_grid(values: Any, channels: int | None, method: str) -> FloatArray:
             required=f"(h, w, {size}) or ({size}, h, w)",
         )
     return (np.moveaxis(grid, 0, 2) if first else grid).astype(np.float64)
+
+
+def _off(cells: Sequence[int], sizes: Sequence[npt.ArrayLike]) -> float:
+    """Return by how much the proportions of a grid differ from the nearest of those of images."""
+    rows, columns = cells
+    return min(
+        abs(float(np.log(rows * width / (columns * height))))
+        for width, height in map(np.asarray, sizes)
+    )
+
+
+def as_probability(values: FloatArray) -> Float32Array:
+    """Return values that pass 0 or 1 by rounding as 0 or 1, and others unchanged.
+
+    The loop refuses logits and percentages, which clipping would make certain.
+    """
+    clipped = np.clip(values, 0, 1)
+    return np.where(np.abs(values - clipped) < _ROUNDING, clipped, values).astype(np.float32)
 
 
 def cell_centres(shape: Sequence[int], size: npt.ArrayLike) -> FloatArray:

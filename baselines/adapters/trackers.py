@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import Images, function_name
+from pliant.baselines.adapters.images import Images, as_probability, function_name
 from pliant.baselines.answers import to_array
 from pliant.spec.answers import Answers
 from pliant.spec.errors import CallError, SubmissionError
@@ -87,7 +87,7 @@ class TrackerMatcher:
         return [
             Answers(
                 self._images.from_function(tracks[step], clip[step]).astype(np.float32),
-                None if visible is None else np.clip(visible[step], 0, 1).astype(np.float32),
+                None if visible is None else as_probability(visible[step]),
             )
             for step in range(1, len(clip))
         ]
@@ -106,7 +106,7 @@ class TrackerMatcher:
                 required=f"{(*shape, 2)}, for {shape[0]} frames and {shape[1]} points",
             )
         visible = None if given[1] is None else to_array(given[1]).astype(np.float64)
-        if visible is not None and visible.size != shape[0] * shape[1]:
+        if visible is not None and visible.squeeze().shape != tracks[..., 0].squeeze().shape:
             raise SubmissionError(
                 f"the method {self.name!r} returned no visibility of its tracks",
                 found=f"shape {visible.shape}",

@@ -9,7 +9,7 @@ import pytest
 
 from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_flow, from_warp
-from pliant.spec.errors import SubmissionError
+from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, centres, counted
 
@@ -78,3 +78,22 @@ def test_wrong_shape_is_one_sentence(motion: Motion) -> None:
     method = from_flow(lambda source, target: np.zeros((200, 240, 3)), name="mine")
     with pytest.raises(SubmissionError, match=r"'mine' returned no map; found shape \(200, 240, 3"):
         method.answer(motion.pair)
+
+
+@pytest.mark.parametrize(("confidence", "visible"), [(1.0004, 1), (-0.0004, 0), (7, 7), (-1, -1)])
+def test_a_confidence_is_not_made_certain(
+    confidence: float, visible: float, motion: Motion
+) -> None:
+    """What passes 0 or 1 by more than rounding stays as it is, and the loop refuses it."""
+    flow = np.zeros((20, 24, 2)), np.full((20, 24), confidence)
+    found = from_flow(lambda source, target: flow).answer(motion.pair).visible
+    assert found is not None
+    assert set(found.tolist()) == {visible}
+
+
+@pytest.mark.parametrize(
+    "images", [{"size": 64}, {"size": (64, 48, 3)}, {"size": (0, 5)}, {"multiple": 0}]
+)
+def test_sizes_that_are_none_are_refused(images: Any) -> None:
+    with pytest.raises(CallError, match=r"size|multiple"):
+        Images(**images)

@@ -10,6 +10,7 @@ import pytest
 from pliant.baselines import Frame, HeatMatcher
 from pliant.baselines.adapters import Images, from_descriptors
 from pliant.spec.arrays import FloatArray
+from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, centres
 
@@ -49,6 +50,27 @@ def test_cells_that_do_not_cover_the_image(size: Any, motion: Motion) -> None:
     method = from_descriptors(describing(motion, at), images=Images(size=size), grid=grid)
     found = method.answer(motion.pair)
     assert motion.error(found.uv_px).max() < 0.2
+
+
+@pytest.mark.parametrize("size", [None, (120, 50)])
+@pytest.mark.parametrize("channels", [3, 12, 48])
+def test_arrays_may_have_channels_first(channels: int, size: Any, motion: Motion) -> None:
+    """Cells of 20x24 and 48 channels: the proportions of the image tell which is which."""
+    found = []
+    for order in ((0, 1, 2), (2, 0, 1)):
+        describe = describing(motion, centres(20, 24))
+        method = from_descriptors(
+            lambda image: describe(image)[..., :channels].transpose(order),  # noqa: B023
+            images=Images(size=size),
+        )
+        found.append(method.answer(motion.pair).uv_px)
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_descriptors_that_are_not_finite_are_refused(motion: Motion) -> None:
+    method = from_descriptors(lambda image: np.full((4, 5, 3), np.nan))
+    with pytest.raises(SubmissionError, match="not finite; found 60 of 60 values"):
+        method.answer(motion.pair)
 
 
 def test_tensors_have_channels_first(motion: Motion) -> None:

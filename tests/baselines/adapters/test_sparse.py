@@ -65,10 +65,10 @@ def test_few_matches_and_matches_on_one_line(neighbours: int, matches: int) -> N
     )
 
 
-def test_no_matches_is_the_middle() -> None:
+@pytest.mark.parametrize("matches", [([], []), ([], [], []), np.zeros((2, 0, 2)).tolist()])
+def test_no_matches_is_the_middle(matches: Any) -> None:
     view = Frame(np.zeros((40, 50, 3), np.uint8))
-    none = np.zeros((0, 2))
-    method = from_sparse(lambda source, target: (none, none, np.zeros(0)))
+    method = from_sparse(lambda source, target: matches)
     found = method.answer(Pair(view, view, np.ones((3, 2), np.float32))).uv_px
     assert found.tolist() == [[25, 20]] * 3
 

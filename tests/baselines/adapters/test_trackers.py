@@ -105,6 +105,10 @@ def test_wrong_shapes_and_settings_are_one_sentence(motion: Motion) -> None:
             r"no tracks; found shape \(60, 2\); required: \(2, 60, 2\)",
         ),
         (lambda frames, points: (walk(frames, points), [1.0]), r"no visibility.*\(2, 60\)"),
+        (
+            lambda frames, points: (walk(frames, points), np.ones((len(points), len(frames)))),
+            r"no visibility.*found shape \(60, 2\); required: \(2, 60\)",
+        ),
     ):
         with pytest.raises(SubmissionError, match=message):
             from_tracker(function).answer(motion.pair)
