@@ -147,6 +147,10 @@ def answer_pairs(
         )
         try:
             yield from executor.map(_run_in_process, tasks)
+        except BaseException:
+            for process in [*executor._processes.values()]:
+                process.terminate()  # a task may take minutes
+            raise
         finally:
             executor.shutdown(cancel_futures=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import pytest
 import torch
 
 import pliant
-from pliant.baselines import METHODS, Answers
+from pliant.baselines import METHODS, Answers, answering
 from pliant.baselines.predict import answer, predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
 from pliant.spec.answers import Matches
@@ -255,6 +256,27 @@ def test_an_exception_of_a_method_names_the_pair(cards: Dataset, workers: int) -
     assert note == (
         f"The method 'raising' was at pair 1, from {pair.source.key} to {pair.target.key}"
     )
+
+
+class FailingOrSlow(Fixed):
+    """Fails at one pair; takes a minute for every other."""
+
+    name = "failing"
+
+    def answer(self, pair: Pair) -> Answers:
+        if (pair.source.key, pair.target.key) == self._fields["fails"]:
+            raise KeyError("missing")
+        time.sleep(60)
+        return super().answer(pair)
+
+
+def test_the_first_error_ends_all_workers(cards: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(answering, "PAIRS_PER_TASK", 1)
+    first = cards.pairs("test")[0]
+    begun = time.monotonic()
+    with pytest.raises(KeyError, match="missing"):
+        answer(cards, "test", FailingOrSlow(fails=(first.source.key, first.target.key)), workers=2)
+    assert time.monotonic() - begun < 50
 
 
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
