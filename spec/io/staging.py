@@ -70,8 +70,16 @@ def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
     `other` alone, which `is_left_alone` recognises and the next staging replaces.
 
     Raises:
-        CallError: A folder cannot be written.
+        CallError: A folder cannot be written, or one is the other or inside it.
     """
+    places = folder.resolve(), other.resolve()
+    if any(place.is_relative_to(outer) for place, outer in (places, places[::-1])):
+        raise CallError(
+            "of two output folders, one is inside the other",
+            path=other,
+            found=folder,
+            fix="Name a folder next to it.",
+        )
     try:
         with staged(folder) as one, staged(other) as two:
             yield one, two

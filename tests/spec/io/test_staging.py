@@ -189,3 +189,12 @@ def test_two_processes_that_write_one_folder(tmp_path: Path) -> None:
     assert len({path.read_text() for path in out.iterdir()}) == 1
     assert len(list(out.iterdir())) == 5
     assert set(out.with_suffix(".txt").read_text()) in ({"a"}, {"b"})
+
+
+@pytest.mark.parametrize("names", [("out", "out"), ("out", "out/other"), ("other/out", "other")])
+def test_two_folders_are_apart(names: tuple[str, str], tmp_path: Path) -> None:
+    """The second rename would replace the folder that contains the first one."""
+    one, two = (tmp_path / name for name in names)
+    with pytest.raises(CallError, match="one is inside the other"), staged_both(one, two):
+        pytest.fail("the body is not run")
+    assert list(tmp_path.iterdir()) == []
