@@ -65,7 +65,8 @@ def add_version(
         actor: Who asks for it.
 
     Raises:
-        CallError: The reason is empty.
+        CallError: The reason is empty, or the phase's other protocols score another kind of
+            submission, so that none could be scored by all.
         SpecError: The halves do not belong together, or have no queries or no truth of the split.
     """
     if not reason.strip():
@@ -74,8 +75,19 @@ def add_version(
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():
         raise SpecError(f"the public half has no queries of split {phase.split}")
+    known = versions_of(session, phase.name)
+    if known:
+        kind = parse_protocol(challenge.protocol_path(known[0].protocol_sha256).read_bytes()).kind
+        if protocol.kind != kind:
+            raise CallError(
+                "the protocols of a phase score one kind of submission",
+                where=f"phase {phase.name}",
+                found=f"{protocol.name} for {protocol.kind}",
+                required=f"a protocol for {kind}",
+                fix="Give the other kind a phase of its own.",
+            )
     if truth is None:
-        newest = versions_of(session, phase.name)[-1]
+        newest = known[-1]
         truth, truth_sha256 = newest.truth, newest.truth_sha256
     else:
         truth_sha256 = sha256_file(_truth(dataset, challenge.private(truth), phase.split))

@@ -221,6 +221,21 @@ def test_backup_and_archive_give_the_same_service(
         restored.database.engine.dispose()
 
 
+def test_protocols_of_a_phase_score_one_kind(
+    trial: Trial, tmp_path: Path, service_halves: Halves
+) -> None:
+    """A phase with both kinds refuses every submission, and no version is ever taken back."""
+    with pytest.raises(CallError, match=r"found matches for matches; required: .* for answers"):
+        rescore_challenge(trial.challenge, None, "matches", None, "more figures")
+    scored(trial)
+    config = tmp_path / "both.yaml"
+    config.write_text("phases: [{name: a, split: test, protocols: [matches, paper]}]")
+    halves = service_halves.public, service_halves.private
+    with pytest.raises(CallError, match="found paper for answers"):
+        create_challenge(tmp_path / "both", *halves, (), config)
+    assert not (tmp_path / "both").exists()
+
+
 def test_commands_of_the_host(
     make_trial: MakeTrial, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
