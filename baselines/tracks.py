@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import TrackMatcher
 from pliant.spec.answers import Answers
+from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Frame
 from pliant.spec.queries import QueryPair
 
@@ -67,11 +68,21 @@ def answer_tracks(
         for number, _ in wanted.get(start, ()):  # a frame paired with itself
             seen = masks and sequence[start].mask is not None
             results[number] = (Answers(pairs[number].uv_a_px.copy()), seen)
+        step = 0
         for step, found in enumerate(matcher.track(views(), uv_px), start=1):
+            if step == len(frames):
+                break
             place = f"frame {sequence[frames[step]].key}"
             answers = checked_answers(found, len(uv_px), matcher.name, place)
             for number, own in wanted.get(frames[step], ()):
                 results[number] = (answers.rows(own), masked[step])
+        if step != len(frames) - 1:
+            raise SubmissionError(
+                f"the method {matcher.name!r} tracked another number of frames",
+                where=f"sequence {sequence.id}, frames {start} to {last}",
+                found=f"answers for {'more' if step == len(frames) else step}",
+                required=f"{len(frames) - 1}: one `Answers` for each frame after the first",
+            )
     return [result for result in results if result is not None]
 
 

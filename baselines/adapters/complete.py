@@ -94,8 +94,8 @@ def _description(implementation: str) -> Mapping[str, Any]:
     return {"implementation": implementation}
 
 
-def _answer_by_track(tracker: TrackMatcher, pair: Pair) -> Answers:
-    return next(iter(tracker.track([pair.source, pair.target], pair.uv_a_px)))
+def _answer_by_track(tracker: TrackMatcher, pair: Pair) -> Answers | None:
+    return next(iter(tracker.track([pair.source, pair.target], pair.uv_a_px)), None)
 
 
 def _fill(method: Any, attribute: str, value: object) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pliant
 from pliant.baselines.matcher import TrackMatcher
 from pliant.baselines.predict import predict
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
@@ -93,6 +94,28 @@ def test_a_track_with_missing_answers_is_refused(pair: AskPair) -> None:
 
     with pytest.raises(SubmissionError, match=r"frame rope-test-000000/.*found \(0, 2\)"):
         answer_tracks(Forgetful(), [pair(0, 0, 2)])
+
+
+@pytest.mark.parametrize(("left_out", "found"), [(2, "1"), (0, "more")])
+def test_a_track_of_other_frames_is_refused(pair: AskPair, left_out: int, found: str) -> None:
+    """One stops a frame early; one also answers the frame that the points are in."""
+
+    class Wrong(Counter):
+        def track(self, views: Iterable[Frame], uv_px: Any) -> Iterator[Answers]:
+            for _ in list(views)[left_out:]:
+                yield Answers(uv_px)
+
+    with pytest.raises(SubmissionError, match=f"found answers for {found}; required: 2"):
+        answer_tracks(Wrong(), [pair(0, 0, 2)])
+
+
+def test_a_tracker_without_answers_for_two_images_is_refused(cards: Dataset) -> None:
+    class Silent:
+        def track(self, views: Iterable[Frame], uv_px: Any) -> Iterator[Answers]:
+            return iter(())
+
+    with pytest.raises(SubmissionError, match="'Silent' returned something else than answers"):
+        pliant.predict(cards, Silent())  # type: ignore[arg-type]
 
 
 def test_tasks_keep_the_order_and_part_at_every_new_source(pair: AskPair) -> None:
