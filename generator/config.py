@@ -17,7 +17,18 @@ from pliant.generator.settings import (
     SceneSettings,
 )
 from pliant.spec.configuration import Settings, settings_to_dict
-from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused, Share
+from pliant.spec.constraints import (
+    Bounds,
+    Count,
+    Name,
+    Natural,
+    NotEmpty,
+    OneOf,
+    Refused,
+    Share,
+    Shown,
+    Version,
+)
 from pliant.spec.conventions import SPLITS
 from pliant.spec.secrets import GUESSABLE_BELOW
 
@@ -126,11 +137,11 @@ class GenerateConfig(Settings):
     noise: NoiseSettings | None = None
     depth_camera: DepthCameraSettings | None = None
     queries: QuerySettings = QuerySettings()
-    id: Annotated[str, NotEmpty()] = "pliant"
-    version: str = "1.0.0"
-    title: str = ""
-    description: str = ""
-    licence: str = "CC-BY-4.0"
+    id: Name = "pliant"
+    version: Version = "1.0.0"
+    title: Shown = ""
+    description: Shown = ""
+    licence: Shown = "CC-BY-4.0"
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic_core import core_schema
+
+from pliant.spec.text import unsafe_character
 
 UNITS = {
     "m": "m", "px": "px", "deg": "degrees", "rad": "radians", "s": "s", "hz": "Hz",
@@ -169,6 +172,37 @@ class NotEmpty(_Constraint):
 
 
 @dataclass(frozen=True)
+class Pattern(_Constraint):
+    """A text has a form.
+
+    Attributes:
+        pattern: Regular expression of the whole text.
+        words: The form in words.
+    """
+
+    pattern: str
+    words: str
+
+    def check(self, value: str) -> str:
+        """Return the text.
+
+        Raises:
+            Refused: It has another form.
+        """
+        if not re.fullmatch(self.pattern, value):
+            raise Refused(self.words)
+        return value
+
+
+@dataclass(frozen=True)
+class _Shown(_Constraint):
+    def check(self, value: str) -> str:
+        if unsafe_character(value, lines=True) is not None:
+            raise Refused("a text without control and bidirectional characters")
+        return value
+
+
+@dataclass(frozen=True)
 class _Ordered(_Constraint):
     def check(self, value: Any) -> Any:
         if value[0] > value[1]:
@@ -192,6 +226,21 @@ class DrawnFrom:
             lambda value: "[source]" if isinstance(value, list | tuple) else "[value]",
         )
 
+
+Name = Annotated[
+    str,
+    Pattern(
+        r"(?!.*\.\.)[A-Za-z0-9]([A-Za-z0-9._-]{0,126}[A-Za-z0-9])?",
+        "1 to 128 of A-Z, a-z, 0-9, '.', '_', '-', without '..', a letter or digit at both ends",
+    ),
+]
+"""A name that a dataset, a tier or a folder can have."""
+
+Version = Annotated[str, Pattern("[0-9]+[.][0-9]+[.][0-9]+", "three numbers, such as 1.0.0")]
+"""A version of a dataset."""
+
+Shown = Annotated[str, _Shown()]
+"""A text for people, of one or more lines."""
 
 Range = Annotated[tuple[float, float], _Ordered()]
 """(low, high) with low <= high."""

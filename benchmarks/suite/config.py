@@ -18,7 +18,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
 from pliant.models.timecycle import CARRIED
 from pliant.spec.configuration import Settings, merged, read_mapping, settings_from, with_overrides
-from pliant.spec.constraints import Count, did_you_mean
+from pliant.spec.constraints import Count, Name, Version, did_you_mean
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml
 
@@ -201,10 +201,10 @@ class BenchmarkConfig(Settings):
     """
 
     name: str
-    version: str
-    sets: Mapping[str, GenerateConfig]
+    version: Version
+    sets: Mapping[Name, GenerateConfig]
     common: Mapping[str, Any] = dict()
-    runs: Mapping[str, Training] = dict()
+    runs: Mapping[Name, Training] = dict()
     tests: Mapping[str, Test] = dict()
     comparisons: tuple[Comparison, ...] = ()
     checksums: Path | None = None

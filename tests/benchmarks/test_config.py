@@ -112,6 +112,8 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"tests": {"t": {**TEST, "shipped": ["fused:sift"]}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
         ({"sets": []}, "required: a mapping"),
+        ({"sets": {"../rope": {"id": "a", "tiers": ["rope"]}}}, r"sets\.\.\./rope.*1 to 128 of"),
+        ({"runs": {"a/b": {"label": "A", "set": "rope"}}}, "runs.a/b.*1 to 128 of"),
         ({"tests": {"t": {**TEST, "variants": {"a": "b"}}}}, "unknown name"),
         ({"tests": {"t": {**TEST, "figures": ["rms"]}}}, "unknown name"),
         ({"tests": {"t": {**TEST, "tier": "roope"}}}, "t.tier: .*roope.*Did you mean 'rope'"),
