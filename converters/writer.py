@@ -34,6 +34,7 @@ from pliant.spec.opening import is_name
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
+from pliant.spec.text import escape, unsafe_character
 
 OBJECT: Final = 1
 """Value in a mask of the object that the points are on."""
@@ -175,6 +176,14 @@ def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
                 found=repr(name)[:80],
                 required="1 to 128 letters, digits, '.', '_', '-'",
                 fix=fix,
+            )
+    for what, text in (("--title", settings.title), ("--licence", settings.licence)):
+        if (found := unsafe_character(text, lines=True)) is not None:
+            raise CallError(
+                "the text has a control or bidirectional character",
+                where=what,
+                found=escape(found),
+                fix="Remove it.",
             )
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")

@@ -121,6 +121,10 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixt
     for size, said in sizes.items():
         assert run([*command, "--size", size]) == 2
         assert said in capsys.readouterr().err
+    assert run([*command, "--title", "a\u202eb"]) == 2
+    assert r"--title: the text has a control or bidirectional character; found \u202e" in (
+        capsys.readouterr().err
+    )
     (tmp_path / "out-truth").mkdir()
     assert run(command) == 2
     assert "the folder is there already" in capsys.readouterr().err
