@@ -1,5 +1,6 @@
 """Following a rope through its mask, from one end to the other."""
 
+from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
@@ -24,6 +25,8 @@ __all__ = [
     "Trace",
     "ball_remarks",
     "border_rgb",
+    "completed",
+    "cut_remarks",
     "half_width_px",
     "has_ball",
     "located",
@@ -34,4 +37,5 @@ __all__ = [
     "rope_traces",
     "self_crossings",
     "untilted",
+    "with_cut_ends",
 ]

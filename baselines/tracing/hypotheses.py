@@ -46,6 +46,7 @@ class Trace:
         retraced: Share of its stations where it follows an earlier part of itself.
         nadir: Where the camera looks straight down.
         overlaps: Which of its parts cover others, as far as that is known.
+        cut: Whether the rope leaves the picture at its first and at its last end.
     """
 
     uv_px: FloatArray
@@ -55,6 +56,7 @@ class Trace:
     retraced: float
     nadir: Nadir
     overlaps: tuple[Overlap, ...] = ()
+    cut: tuple[bool, bool] = (False, False)
 
     @property
     def score(self) -> float:

@@ -8,8 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.baselines.pixels import central_position
+from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
 from pliant.baselines.tracing.rectification import rectified
 from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.transfer import best_pair, located, placed
@@ -46,7 +47,7 @@ class RopeTracer:
         (above_a, in_source), (above_b, in_target) = self._of(source), self._of(target)
         if not in_source or not in_target:
             return Answers(np.repeat(central_position(target)[None], len(uv_a_px), axis=0))
-        trace_a, trace_b = best_pair(in_source, in_target)
+        trace_a, trace_b = best_pair(*completed(in_source, in_target))
         found = placed(trace_b, located(trace_a, above_a.forward(uv_a_px)))
         answers = above_b.back(Answers(found.astype(np.float32)))
         size = np.array(target.rgb.shape[1::-1], dtype=np.float32)
@@ -66,14 +67,16 @@ class RopeTracer:
             None if view.mask is None else MaskShape.of(view.mask, view.objects)
             for view in (source, target)
         ]
-        return mask_remarks(*shapes) or ball_remarks(source, target)
+        known = mask_remarks(*shapes) or ball_remarks(source, target)
+        return [*known, *cut_remarks(self._of(source)[1], self._of(target)[1])]
 
     def _of(self, view: Frame) -> tuple[Reframed, list[Trace]]:
         def traced() -> tuple[Reframed, list[Trace]]:
             above = rectified(view)
             mask = above.view.mask
-            return above, [] if mask is None else rope_traces(
-                mask, above.view.objects, nadir=above.nadir
-            )
+            if mask is None:
+                return above, []
+            traces = rope_traces(mask, above.view.objects, nadir=above.nadir)
+            return above, with_cut_ends(traces, above, has_ball(above.view) is True)
 
         return self._traces.get(view.cache_key, traced)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.tracing import Reframed, ball_remarks, mask_remarks
+from pliant.baselines.tracing import Reframed, ball_remarks, cut_remarks, mask_remarks
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
@@ -23,7 +23,7 @@ from pliant.models.don.search import Decided, Search
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
 from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statistics
-from pliant.models.don.tracing import TracedView, traced_places
+from pliant.models.don.tracing import TracedView, both_completed, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
 from pliant.spec.configuration import settings_to_dict
@@ -116,7 +116,7 @@ class DonMatcher:
         return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
 
     def _traced_statistics(self, decided: Decided) -> npt.NDArray[np.float64]:
-        source, target = self._traced(decided.source), self._traced(decided.target)
+        source, target = both_completed(self._traced(decided.source), self._traced(decided.target))
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
     def _asked(self, decided: Decided) -> Asked:
@@ -132,9 +132,10 @@ class DonMatcher:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
         if self.settings.decode != "trace":
             return []
-        seen = (self.reader.seen(source), self.reader.seen(target))
-        shapes = [None if each.view.mask is None else self._traced(each).shape for each in seen]
-        return mask_remarks(*shapes) or ball_remarks(*(each.view for each in seen))
+        traced = [self._traced(self.reader.seen(view)) for view in (source, target)]
+        shapes = [None if each.view.mask is None else each.shape for each in traced]
+        known = mask_remarks(*shapes) or ball_remarks(*(each.view for each in traced))
+        return [*known, *cut_remarks(*(each.traces for each in traced))]
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
@@ -217,7 +218,8 @@ class DonMatcher:
             log_p = self._every_way(compared.log_p, source, target, uv_a_px)
             found = compared.uv_px, compared.distance, compared.query
             return Search(log_p, *found, None, self._on_one_side(compared, source, target, uv_a_px))
-        traced = traced_places(self._traced(source), self._traced(target), self._scale, uv_a_px)
+        own, others = both_completed(self._traced(source), self._traced(target))
+        traced = traced_places(own, others, self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
             candidates_px = uv.double().numpy() * self._views.pixel_scale(target.view)

@@ -14,9 +14,11 @@ from pliant.baselines.tracing import (
     Reframed,
     Trace,
     border_rgb,
+    has_ball,
     rectified,
     rope_traces,
     untilted,
+    with_cut_ends,
 )
 from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
@@ -186,4 +188,5 @@ class RopeReader:
             return [], MaskShape(0, 0, has_ball=False)
         if self.crossings is not None:
             traces = with_overlaps(self.crossings, view, mask, traces)
+        traces = with_cut_ends(traces, seen, has_ball(view) is True)
         return traces, MaskShape.of(mask, objects)

@@ -1,0 +1,106 @@
+"""Ropes that leave the picture: traces that go on beyond its border for as long as the rope does.
+
+A rope has as many widths of length in every picture of it. Where an end of a trace is at the border
+and the trace is shorter, in widths, than that of the other picture, it goes on in its direction,
+outside, for what is missing; places then have the shares of the whole rope again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from pliant.baselines.tracing.centring import evenly_spaced
+from pliant.baselines.tracing.hypotheses import Trace
+from pliant.baselines.tracing.reframing import Reframed
+from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray
+
+_AT_BORDER: Final = 0.5  # half widths between an end and the border
+_MASK_PX: Final = 2.0  # by which a mask may end earlier
+
+
+def with_cut_ends(traces: Sequence[Trace], seen: Reframed, has_ball: bool) -> list[Trace]:
+    """Return traces that say which of their ends are at the border of the picture.
+
+    Args:
+        traces: Traces in `seen`.
+        seen: The picture.
+        has_ball: Whether they begin at a ball: that end of the rope is in the picture.
+    """
+    height, width = (seen.original or seen.view).rgb.shape[:2]
+    found = []
+    for trace in traces:
+        ends = trace.uv_px[[0, -1]]
+        places = seen.back(Answers(ends.astype(np.float32))).uv_px
+        away = np.minimum(places, [width, height] - places).min(axis=1)
+        near = away <= _AT_BORDER * trace.half_px + _MASK_PX
+        found.append(replace(trace, cut=(bool(near[0]) and not has_ball, bool(near[1]))))
+    return found
+
+
+def completed(
+    source: Sequence[Trace], target: Sequence[Trace]
+) -> tuple[Sequence[Trace], Sequence[Trace]]:
+    """Return the traces of two pictures of one rope, those of cut ropes with what is outside.
+
+    Args:
+        source: Traces in one picture, from `with_cut_ends`, the most plausible first.
+        target: Traces in the other.
+    """
+    if not source or not target:
+        return source, target
+    widths = [best.length_px / best.half_px for best in (source[0], target[0])]
+    return (
+        [_continued(trace, widths[1] * trace.half_px) for trace in source],
+        [_continued(trace, widths[0] * trace.half_px) for trace in target],
+    )
+
+
+def cut_remarks(source: Sequence[Trace], target: Sequence[Trace]) -> list[str]:
+    """Return what a user should know of ropes that leave their pictures, as sentences.
+
+    Args:
+        source: Traces in one picture, from `with_cut_ends`, the most plausible first.
+        target: Traces in the other.
+    """
+    pictures = {"source": source, "target": target}
+    cut = [name for name, traces in pictures.items() if traces and any(traces[0].cut)]
+    if not cut:
+        return []
+    where = " and the ".join(cut)
+    return [
+        f"The rope leaves the picture of the {where}: how much of it is outside is taken from its "
+        "width, as if both pictures showed one and the same rope."
+    ]
+
+
+def _continued(trace: Trace, length_px: float) -> Trace:
+    """Return a trace with one end cut that goes on there up to a length; others come back."""
+    missing_px = length_px - trace.length_px
+    if sum(trace.cut) != 1 or missing_px <= 0:
+        return trace
+    count = len(trace.uv_px)
+    line = trace.uv_px if trace.cut[1] else trace.uv_px[::-1]
+    way = line[-1] - line[-1 - count // 20]
+    end = line[-1] + way * missing_px / max(float(np.linalg.norm(way)), 1e-9)
+    longer = np.vstack([line, end])
+    whole: FloatArray = evenly_spaced(longer, count)[0]
+    share = trace.length_px / length_px
+    before = 0.0 if trace.cut[1] else (1 - share) * (count - 1)
+
+    def moved(part: slice) -> slice:
+        return slice(round(before + part.start * share), round(before + part.stop * share))
+
+    overlaps = tuple(
+        replace(each, upper=moved(each.upper), lower=moved(each.lower)) for each in trace.overlaps
+    )
+    return replace(
+        trace,
+        uv_px=whole if trace.cut[1] else whole[::-1],
+        length_px=length_px,
+        overlaps=overlaps,
+    )

@@ -1,0 +1,75 @@
+"""Ropes that leave the picture: a drawn rope, whole and cut off, on both sides of a pair."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.baselines.tracing import Nadir, Overlap, RopeTracer, Trace, completed
+from pliant.spec.frame import Frame, Pair
+from tests.baselines.tracing.test_tracing import arc_places, view_of, wave
+
+WHOLE, CUT = wave(), wave(1.5, 50.0)
+
+
+def cut_at(view: Frame, columns: int) -> Frame:
+    """The picture without what is right of a column."""
+    rgb, mask, objects = (
+        np.ascontiguousarray(each[:, :columns])
+        for each in (view.rgb, view.mask, view.objects)
+        if each is not None
+    )
+    return Frame(rgb, mask, objects=objects)
+
+
+@pytest.mark.parametrize("columns", [300, 250, 180])
+def test_places_on_a_rope_that_leaves_the_picture(columns: int) -> None:
+    places = np.linspace(0.15, 0.9, 16)
+    a, b = arc_places(WHOLE, places), arc_places(CUT, places)
+    whole, cut = view_of(WHOLE), cut_at(view_of(CUT), columns)
+    shown = b[:, 0] < columns - 4
+    assert shown.sum() >= 5
+    for one, other, asked, truth in ((whole, cut, a, b), (cut, whole, b, a)):
+        pair = Pair(one, other, asked[shown].astype(np.float32))
+        gap = RopeTracer().answer(pair).uv_px - truth[shown]
+        assert np.linalg.norm(gap, axis=1).max() < 11
+
+
+def test_a_user_is_told_that_the_rope_leaves_the_picture() -> None:
+    tracer, whole = RopeTracer(), view_of(WHOLE)
+    cut = cut_at(view_of(CUT), 250)
+    assert tracer.remarks(whole, cut_at(view_of(CUT), 300)) == []  # the rope ends at 284
+    said = "The rope leaves the picture of the {}: how much"
+    assert tracer.remarks(whole, cut)[-1].startswith(said.format("target"))
+    assert tracer.remarks(cut, cut)[-1].startswith(said.format("source and the target"))
+
+
+def line(length_px: float, **fields: object) -> Trace:
+    places = np.column_stack([np.linspace(0, length_px, 201), np.zeros(201)])
+    below = Nadir(np.array([160.0, 120.0]), 1e9)
+    return Trace(places, length_px, 2.0, 1.0, 0.0, below, **fields)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_cut_trace_goes_on_and_keeps_its_overlaps(first: bool) -> None:
+    overlap = Overlap(slice(20, 40), slice(160, 180), 2.0)
+    short = line(100.0, cut=(first, not first), overlaps=(overlap,))
+    (same,), (longer,) = completed([line(200.0)], [short])
+    assert same.length_px == 200
+    assert longer.length_px == pytest.approx(200)
+    ends = sorted(longer.uv_px[[0, -1], 0])
+    assert ends == pytest.approx([-100, 100] if first else [0, 200])
+    for before, after in (
+        (overlap.upper, longer.overlaps[0].upper),
+        (overlap.lower, longer.overlaps[0].lower),
+    ):
+        for stop in ("start", "stop"):
+            place = short.uv_px[min(getattr(before, stop), 200)]
+            np.testing.assert_allclose(longer.uv_px[getattr(after, stop)], place, atol=1)
+
+
+def test_other_traces_stay_as_they_are() -> None:
+    whole = line(100.0)
+    for short in (line(90.0), line(90.0, cut=(True, True)), line(101.0, cut=(False, True))):
+        assert completed([whole], [short]) == ([whole], [short])
+    assert completed([], [whole]) == ([], [whole])
