@@ -28,7 +28,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
-from pliant.spec.io.staging import is_left_alone, staged_both
+from pliant.spec.io.staging import is_left_alone, refuse_existing, staged_both
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.opening import is_name
 from pliant.spec.progress import Progress
@@ -163,8 +163,8 @@ def write_imported(
 def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
     """Refuse folders that are there, and settings that are none."""
     for folder in (out, beside):
-        if folder.exists() and not is_left_alone(folder, out):
-            raise CallError("the folder is there already", path=folder, fix="Give a new folder")
+        if not is_left_alone(folder, out):
+            refuse_existing(folder)
     for what, name, fix in (
         ("the dataset's id", settings.id, "Name the dataset with --id."),
         ("--kind", settings.kind, None),

@@ -18,7 +18,7 @@ from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io.staging import is_left_alone, staged, staged_both
+from pliant.spec.io.staging import is_left_alone, refuse_existing, staged, staged_both
 from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
@@ -99,7 +99,7 @@ def publish(
     with ExitStack() as stack:
         private_half = None
         if private is None:
-            public_half = stack.enter_context(staged(out))
+            public_half = stack.enter_context(staged(out, new=True))
         else:
             public_half, private_half = stack.enter_context(staged_both(out, private))
         public_half.chmod(0o755)
@@ -150,10 +150,7 @@ def _open(source: Path, settings: PublishSettings) -> Dataset:
 
 
 def _check_place(place: Path, source: Path) -> None:
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        raise CallError(
-            "the output exists already", path=place, fix="Name a new or an empty folder."
-        )
+    refuse_existing(place)
     inside = source.resolve()
     if place.resolve() == inside or inside in place.resolve().parents:
         raise CallError("the output is inside the dataset", path=place, fix="Name another place.")

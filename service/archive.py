@@ -129,10 +129,8 @@ def restore_challenge(
             passphrase is wrong.
         SpecError: A file is missing or was changed, or the audit log was.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise CallError("the folder exists already", path=out, fix="Name a new folder.")
     with ExitStack() as stack:
-        place = stack.enter_context(staged(out))
+        place = stack.enter_context(staged(out, new=True))
         os.chmod(place, 0o750)
         if source.is_file():
             _extract(source, place)

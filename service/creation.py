@@ -18,8 +18,8 @@ from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
 from pliant.service.versions import add_missing_versions
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io.staging import staged
+from pliant.spec.errors import SpecError
+from pliant.spec.io.staging import refuse_existing, staged
 from pliant.spec.storage import layout
 
 HOST_NAME: Final = "Host"
@@ -51,11 +51,10 @@ def create_challenge(
         SpecError: The two halves do not belong together, a split has no queries or truth, or
             `data` contains the answers that `private` withholds.
     """
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise CallError("the folder exists already", path=root, fix="Name a new folder.")
+    refuse_existing(root)
     settings = read_challenge_settings(config, tuple(splits))
     _check_withheld(data, private, {phase.split for phase in settings.phases})
-    with staged(root) as place:
+    with staged(root, new=True) as place:
         os.chmod(place, 0o750)
         shutil.copytree(data, place / "public")
         write_settings(place, settings)

@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +20,7 @@ _EXCHANGE: Final = 2
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
     """Give an empty folder next to `folder`, and rename it to `folder` at the end.
 
     When the body raises, the folder is removed and `folder` stays as it was. All data is on the
@@ -29,11 +29,14 @@ def staged(folder: Path) -> Iterator[Path]:
 
     Args:
         folder: The folder to write; an earlier one is replaced.
+        new: Replace only an empty folder, also where another process fills it in the meantime.
 
     Raises:
-        CallError: The folder cannot be written: no space, no permission.
+        CallError: The folder cannot be written: no space, no permission, or there is one.
     """
     folder = folder.resolve()
+    if new:
+        refuse_existing(folder)
     _tidy(folder)
     made = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     earlier = folder.with_name(f".{folder.name}.{os.getpid()}.earlier")
@@ -43,7 +46,9 @@ def staged(folder: Path) -> Iterator[Path]:
         yield made
         for path in [*made.rglob("*"), made]:
             synced(path)
-        if not (folder.exists() and _exchanged(made, folder)):
+        if new:
+            _rename_to_new(made, folder)
+        elif not (folder.exists() and _exchanged(made, folder)):
             if folder.exists():
                 folder.rename(earlier)
             made.rename(folder)
@@ -70,7 +75,7 @@ def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
     `other` alone, which `is_left_alone` recognises and the next staging replaces.
 
     Raises:
-        CallError: A folder cannot be written, or one is the other or inside it.
+        CallError: A folder cannot be written or exists, or one is the other or inside it.
     """
     places = folder.resolve(), other.resolve()
     if any(place.is_relative_to(outer) for place, outer in (places, places[::-1])):
@@ -80,13 +85,29 @@ def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
             found=folder,
             fix="Name a folder next to it.",
         )
+    if is_left_alone(other, folder):
+        discard(other)
+    own = None
     try:
-        with staged(folder) as one, staged(other) as two:
+        with staged(folder, new=True) as one, staged(other, new=True) as two:
+            own = two.stat().st_ino
             yield one, two
     except BaseException:
-        if not folder.exists():
+        if not folder.exists() and other.exists() and other.stat().st_ino == own:
             discard(other)
         raise
+
+
+def refuse_existing(folder: Path) -> None:
+    """Refuse an output that exists, except as an empty folder.
+
+    Raises:
+        CallError: There is such an output.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise CallError(
+            "the output exists already", path=folder, fix="Name a new or an empty folder."
+        )
 
 
 def discard(folder: Path) -> None:
@@ -100,6 +121,17 @@ def is_left_alone(other: Path, folder: Path) -> bool:
     """Return whether a killed process had finished `other` of two folders, and not `folder`."""
     unfinished = abandoned(folder.parent, f".{folder.name}.", ".partial")
     return other.exists() and not folder.exists() and bool(unfinished)
+
+
+def _rename_to_new(made: Path, folder: Path) -> None:
+    """Rename a folder; the system refuses it where `folder` has become one with files in it."""
+    with suppress(OSError):
+        folder.rmdir()  # an empty one
+    try:
+        made.rename(folder)
+    except OSError:
+        refuse_existing(folder)
+        raise
 
 
 def _exchanged(one: Path, other: Path) -> bool:

@@ -126,5 +126,6 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixt
         capsys.readouterr().err
     )
     (tmp_path / "out-truth").mkdir()
+    (tmp_path / "out-truth" / "mine").touch()
     assert run(command) == 2
-    assert "the folder is there already" in capsys.readouterr().err
+    assert "the output exists already" in capsys.readouterr().err

@@ -198,3 +198,30 @@ def test_two_folders_are_apart(names: tuple[str, str], tmp_path: Path) -> None:
     with pytest.raises(CallError, match="one is inside the other"), staged_both(one, two):
         pytest.fail("the body is not run")
     assert list(tmp_path.iterdir()) == []
+
+
+def fill(folder: Path) -> None:
+    """Write what another process finished in the meantime."""
+    folder.mkdir(exist_ok=True)
+    (folder / "theirs").touch()
+
+
+def stage_new(out: Path) -> None:
+    with staged(out, new=True):
+        fill(out)
+
+
+def stage_both(out: Path, other: Path) -> None:
+    with staged_both(out, other):
+        fill(other)
+
+
+def test_a_new_folder_does_not_replace_the_one_of_another_process(tmp_path: Path) -> None:
+    """Both found no folder at the start; the first to end has it, and it keeps both of a pair."""
+    out, other = tmp_path / "out", tmp_path / "other"
+    with pytest.raises(CallError, match="exists already"):
+        stage_new(tmp_path / "single")
+    with pytest.raises(CallError, match="exists already"):
+        stage_both(out, other)
+    assert names(tmp_path) == ["other", "single"]
+    assert names(tmp_path / "single") == names(other) == ["theirs"]
