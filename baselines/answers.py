@@ -9,6 +9,7 @@ from typing import Any, Final, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from pliant.baselines.matcher import Heat
 from pliant.spec.answers import (
     MAX_MODES,
     MAX_POSITION_PX,
@@ -58,6 +59,7 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
     """
     answers = found if isinstance(found, Answers) else Answers(found)  # type: ignore[arg-type]
     check = _Check(method, where)
+    check.precision("uv_px", answers.uv_px)
     fields: dict[str, Any] = {"uv_px": check.values("uv_px", answers.uv_px, (count, 2), _POSITION)}
     for name, bounds in (("visible", _PROBABILITY), ("sigma_px", _SIGMA)):
         if (given := getattr(answers, name)) is not None:
@@ -86,12 +88,13 @@ def checked_matches(found: Any, method: str, where: str | None = None) -> Matche
         SubmissionError: Wrong shapes or values.
 
     Examples:
-        >>> found = pliant.baselines.answers.checked_matches(([[3, 4]], [[5, 6]]), "mine")
+        >>> found = pliant.baselines.answers.checked_matches(([[3.5, 4.5]], [[5.5, 6.5]]), "mine")
         >>> found.score.tolist()
         [1.0]
     """
     if isinstance(found, Matches):
         found = (found.uv_a_px, found.uv_b_px, found.score)
+    check = _Check(method, where)
     parts = [to_array(part) for part in found] if isinstance(found, tuple | list) else []
     # An empty list has no second dimension.
     parts[:2] = [part.reshape(0, 2) if part.shape == (0,) else part for part in parts[:2]]
@@ -105,12 +108,38 @@ def checked_matches(found: Any, method: str, where: str | None = None) -> Matche
             required="`Matches`, or arrays (M, 2), (M, 2) and optionally scores (M,)",
         )
     score = parts[2] if len(parts) == 3 else np.ones(count)
-    check = _Check(method, where)
+    for name, given in zip(("uv_a_px", "uv_b_px"), found, strict=False):
+        check.precision(name, given)
     return Matches(
         check.values("uv_a_px", parts[0], (count, 2), _POSITION),
         check.values("uv_b_px", parts[1], (count, 2), _POSITION),
         check.values("score", score, (count,), _SCORE),
     )
+
+
+def checked_heat(found: Heat, shape: tuple[int, ...], method: str) -> Heat:
+    """Return a method's heat map, refusing one of another size than the target's.
+
+    Args:
+        found: The heat map; its values are an array-like or a torch tensor.
+        shape: (H, W) of the target.
+        method: The method's name, for messages.
+
+    Raises:
+        SubmissionError: Wrong shape, or a confidence outside 0 to 1.
+    """
+    if not isinstance(found, Heat):
+        raise SubmissionError(
+            f"the method {method!r} returned no heat map",
+            found=type(found).__name__,
+            required="`Heat` of pliant.baselines",
+        )
+    check = _Check(method, "heat")
+    values = _floats(found.values, method, "heat")
+    if values.shape != shape:
+        check.refuse_shape("values", values.shape, shape)
+    check.values("confidence", found.confidence, (), _PROBABILITY)
+    return replace(found, values=values, confidence=float(found.confidence))
 
 
 @dataclass(frozen=True)
@@ -126,7 +155,7 @@ class _Check:
         """Return an array as float32 if it has this shape and its values are within bounds."""
         values = _floats(given, self.method, self.where)
         if values.shape != shape:
-            self._refuse_shape(name, values.shape, shape)
+            self.refuse_shape(name, values.shape, shape)
         least, most, required = bounds
         wrong = ~((values >= least) & (values <= most))
         if wrong.any():
@@ -138,15 +167,28 @@ class _Check:
             )
         return values
 
+    def precision(self, name: str, given: object) -> None:
+        """Refuse positions of a type that cannot give the centre of every pixel."""
+        kind = str(getattr(given, "dtype", None) or to_array(given).dtype)
+        if "int" in kind or "bool" in kind or "float16" in kind:
+            raise SubmissionError(
+                f"the method {self.method!r} gave positions that lose up to half a pixel",
+                where=self._place(name),
+                found=kind.removeprefix("torch."),
+                required="float32 or float64",
+                fix="The centre of the first pixel is at (0.5, 0.5): add 0.5 to a column or row "
+                "number",
+            )
+
     def modes(self, given: Any, count: int) -> list[Float32Array]:
         """Return the mixtures of all queries as float32 (M_i, 4)."""
         rows = [_floats(row, self.method, self.where) for row in given]
         if len(rows) != count:
-            self._refuse_shape("modes", len(rows), count)
+            self.refuse_shape("modes", len(rows), count)
         for row in rows:
             if row.ndim != 2 or row.shape[1] != 4 or not 1 <= len(row) <= MAX_MODES:
                 required = f"(M, 4) per query, M from 1 to {MAX_MODES}"
-                self._refuse_shape("modes", row.shape, required)
+                self.refuse_shape("modes", row.shape, required)
         fields = np.concatenate([np.zeros((0, 4), np.float32), *rows]).T  # (4, sum of M_i)
         names = ("u", "v", "sigma", "weight")
         for name, field, bounds in zip(
@@ -157,7 +199,8 @@ class _Check:
         self.values("modes, weight", sums, sums.shape, _SUM)
         return rows
 
-    def _refuse_shape(self, name: str, found: object, required: object) -> NoReturn:
+    def refuse_shape(self, name: str, found: object, required: object) -> NoReturn:
+        """Refuse an answer of a wrong shape."""
         raise SubmissionError(
             f"the method {self.method!r} answered in the wrong shape",
             where=self._place(name),

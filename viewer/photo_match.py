@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.answers import checked_answers
+from pliant.baselines.answers import checked_answers, checked_heat
 from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, RemarkingMatcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.arrays import FloatArray
@@ -173,6 +173,7 @@ def match_photo(
 
     Raises:
         CallError: A pixel is outside the source picture or its mask.
+        SubmissionError: The method gave something else than answers or a heat map.
     """
     views = [np.array(view.rgb.shape[1::-1], np.float64) for view in (source, target)]
     whole = [np.array(size, np.float64) for size in sizes or views]
@@ -183,7 +184,8 @@ def match_photo(
     answers = checked_answers(found, len(uv_a_px), matcher.name, "these pictures")
     heat = None  # of a single point: a method may take seconds for each
     if len(at_px) == 1 and isinstance(matcher, HeatMatcher):
-        heat = matcher.heat(source, target, uv_a_px[0])
+        given = matcher.heat(source, target, uv_a_px[0])
+        heat = checked_heat(given, target.rgb.shape[:2], matcher.name)
     points = [
         PointMatch(
             uv_a_px=uv_a_px[k],

@@ -167,6 +167,9 @@ def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> Non
         ({"uv_px": lambda n: np.full((n, 2), 1e300)}, "pair 0, uv_px.*inf .40 of 40.*within"),
         ({"uv_px": lambda n: None}, "pair 0: .*something else than answers; found NoneType"),
         ({"uv_px": lambda n: np.zeros((n - 1, 2), np.float32)}, "pair 0, uv_px.*wrong shape"),
+        ({"uv_px": lambda n: [(3, 4)] * n}, "pair 0, uv_px.*half a pixel; found int64.*add 0.5"),
+        ({"uv_px": lambda n: np.ones((n, 2), bool)}, "pair 0, uv_px.*half a pixel; found bool"),
+        ({"uv_px": lambda n: torch.ones(n, 2).half()}, "half a pixel; found float16.*float32"),
         ({"visible": lambda n: np.zeros((n, 1), np.float32)}, "pair 0, visible.*wrong shape"),
         ({"visible": lambda n: np.full(n, 3)}, "pair 0, visible.*3.0 .*probability, 0 to 1"),
         ({"sigma_px": np.zeros}, "pair 0, sigma_px.*0.0 .*greater than 0"),
@@ -214,7 +217,7 @@ ONE = np.ones((1, 2), np.float32)
 
 def test_matches_may_be_plain_lists(cards: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"
-    predict(cards, "test", Matching(matches=([(1, 2)], [(3, 4)])), out, "matches")
+    predict(cards, "test", Matching(matches=([(1.0, 2.0)], [(3.0, 4.0)])), out, "matches")
     assert [row["u"] for row in read_table(out, "matches").to_pylist()] == [3, 3, 3]
 
 
@@ -222,9 +225,10 @@ def test_matches_may_be_plain_lists(cards: Dataset, tmp_path: Path) -> None:
     ("matches", "message"),
     [
         (None, "pair 0: .*no matches; found NoneType"),
-        (([(1, 2)], [(3, np.nan)]), "pair 0, uv_b_px.*nan .*finite"),
-        (([(1, 2)], [(3, 1e7)]), "pair 0, uv_b_px.*within"),
-        (([(1, 2)], [(3, 4)], [np.inf]), "pair 0, score.*inf .*finite number"),
+        (([(1.5, 2.5)], torch.tensor([(3, 4)])), "pair 0, uv_b_px.*half a pixel; found int64"),
+        (([(1.0, 2)], [(3, np.nan)]), "pair 0, uv_b_px.*nan .*finite"),
+        (([(1.0, 2)], [(3, 1e7)]), "pair 0, uv_b_px.*within"),
+        (([(1.0, 2)], [(3.0, 4)], [np.inf]), "pair 0, score.*inf .*finite number"),
         (Matches(ONE, ONE, ONE[0]), r"found \[\(1, 2\)"),
     ],
 )

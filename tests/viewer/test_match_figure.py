@@ -14,7 +14,7 @@ from PIL import Image
 from pliant.baselines import METHODS, Answers, Frame, Heat
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import PhotoMatch, grid_points, match_photo
@@ -88,6 +88,26 @@ def test_figure_has_a_heat_map_where_the_method_has_one(tmp_path: Path) -> None:
             sizes.append(figure.size)
     assert sizes[0][0] > 1.4 * sizes[1][0]  # three panels against two
     assert sorted(path.name for path in tmp_path.iterdir()) == ["identity.png", "orb.png"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "confidence", "message"),
+    [
+        ((90, 120), 0.5, r"heat, values: .*wrong shape; found \(90, 120\); required: \(200, 240\)"),
+        ((200, 240), 2.0, "heat, confidence: .*2.0 .*a probability, 0 to 1"),
+        ((200, 240), float("nan"), "heat, confidence: .*nan .*a probability, 0 to 1"),
+    ],
+)
+def test_heat_maps_that_are_none_are_refused(
+    shape: tuple[int, int], confidence: float, message: str
+) -> None:
+    class Warm(Identity):
+        def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+            return Heat(np.zeros(shape, np.float32), "similarity", confidence, "share")
+
+    view = card_view(Similarity())
+    with pytest.raises(SubmissionError, match=message):
+        match_photo(Warm(), view, view, [(100, 100)])
 
 
 def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
