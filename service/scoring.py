@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from pliant.evaluator import evaluate, inspect
 from pliant.evaluator.hidden_truth import public_scores
@@ -30,6 +31,7 @@ class Task:
         name: Its name on the participant's machine, for messages.
         public: The public half.
         split: The split it must answer.
+        kind: Kind of submission that the phase scores: `answers` or `matches`.
         allow_missing: Whether queries may be without an answer.
         versions: (id of the version, text of the protocol, folder of the truth); none for a check.
     """
@@ -38,6 +40,7 @@ class Task:
     name: str
     public: Path
     split: str
+    kind: Literal["answers", "matches"]
     allow_missing: bool
     versions: tuple[tuple[int, bytes, Path], ...]
 
@@ -105,11 +108,13 @@ def score(task: Task) -> Result:
         }
     except SubmissionError as error:
         return _refused(task, error.issues)
-    except CallError as error:
-        return _refused(task, [Issue("KIND_NOT_ACCEPTED", "error", task.name, "", str(error))])
+    except CallError:
+        if not (issues := _not_of_phase(task)):
+            raise
+        return _refused(task, issues)
+    if issues := _not_of_phase(task):
+        return _refused(task, issues)
     first = next(iter(documents.values()))
-    if first["split"] != task.split:
-        return _refused(task, [_other_split(task, first["split"])])
     return Result(
         method=str(first["submission"]["method"]["name"]),
         figures={
@@ -124,18 +129,30 @@ def score(task: Task) -> Result:
 
 def _checked(task: Task) -> Result:
     problems = inspect(task.file, task.public, allow_missing=task.allow_missing)
-    issues = problems.issues()
+    issues = problems.issues() or _not_of_phase(task)
     if issues:
         return _refused(task, issues)
+    return Result(method=str(read_footer(task.file)["method"]["name"]))
+
+
+def _not_of_phase(task: Task) -> list[Issue]:
+    """Return what a sound submission has that its phase does not accept."""
     footer = read_footer(task.file)
-    if footer["split"] != task.split:
-        return _refused(task, [_other_split(task, str(footer["split"]))])
-    return Result(method=str(footer["method"]["name"]))
-
-
-def _other_split(task: Task, found: str) -> Issue:
-    message = f"found split {found}; required: {task.split}, the split of this phase"
-    return Issue("SPLIT_NOT_OF_PHASE", "error", task.name, "footer.split", message)
+    wanted = (
+        ("KIND_NOT_ACCEPTED", "table", task.kind),
+        ("SPLIT_NOT_OF_PHASE", "split", task.split),
+    )
+    return [
+        Issue(
+            code,
+            "error",
+            task.name,
+            f"footer.{name}",
+            f"found {name} {footer[name]}; required: {own}, which this phase accepts",
+        )
+        for code, name, own in wanted
+        if footer[name] != own
+    ]
 
 
 def _refused(task: Task, issues: Sequence[Issue]) -> Result:

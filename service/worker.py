@@ -17,6 +17,7 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from pliant.evaluator.protocols.protocol import parse_protocol
 from pliant.service import queue
 from pliant.service.audit import SYSTEM, figures_sha256, log_time, record
 from pliant.service.challenge import Challenge
@@ -91,8 +92,8 @@ class Worker:
                 submission = session.get_one(Submission, lease.submission_id)
                 wanted = select(Version).where(Version.id.in_(lease.versions))
                 versions = list(session.scalars(wanted))
-                if not versions and not submission.check_only:  # of a phase that is new
-                    versions = newest_versions(session, submission.phase)
+                # Of a check, and of a phase that was new.
+                versions = versions or newest_versions(session, submission.phase)
                 phase = self.challenge.settings.phase(submission.phase)
                 ways = tuple(
                     (
@@ -108,8 +109,9 @@ class Worker:
                 name=submission.file_name,
                 public=self.challenge.public,
                 split=phase.split,
+                kind=parse_protocol(ways[0][1]).kind,
                 allow_missing=phase.allow_missing,
-                versions=ways,
+                versions=() if submission.check_only else ways,
             )
             return self._scorer(task, self._limits)
         except SQLAlchemyError:

@@ -5,20 +5,24 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from sqlalchemy import func, select, text
 
+from pliant.baselines import METHODS
+from pliant.baselines.predict import predict
 from pliant.service import queue
 from pliant.service.database import now_ms
 from pliant.service.models import Job, Score, State, Submission
 from pliant.service.queue import lease_next
-from pliant.service.scoring import Result, Task
+from pliant.service.scoring import Result, Task, score
 from pliant.service.settings import Scoring
 from pliant.service.submissions import queue_position
 from pliant.service.worker import Worker
+from pliant.spec.dataset import Dataset
 from pliant.spec.limits import Limits, run_limited
-from tests.service.conftest import MakeTrial, Trial, quick
+from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 LIMITED = "scoring: {wall_s: 60, memory_gib: 1, tries: 2}\n"
 
@@ -52,6 +56,37 @@ def test_many_workers_do_each_job_once(trial: Trial) -> None:
         assert session.scalar(select(func.count()).select_from(Score)) == 10
         assert set(session.scalars(select(Job.tries))) == {1}
     assert len(done) == 10
+
+
+def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_it_is_scored(
+    make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
+) -> None:
+    public = Dataset.open(service_halves.public)
+    predict(public, "test", METHODS["orb"](), tmp_path / "matches", "matches")
+    predict(public, "val", METHODS["identity"](), tmp_path / "split")
+    trial = make_trial()
+    for name in ("matches", "split"):
+        content = (tmp_path / name).read_bytes()
+        numbers = [trial.send(content, check_only=check) for check in (True, False)]
+        trial.work(lambda task, limits: score(task))
+        expected = {
+            "matches": {
+                "code": "KIND_NOT_ACCEPTED",
+                "where": "footer.table",
+                "message": "found table matches; required: answers, which this phase accepts",
+            },
+            "split": {
+                "code": "SPLIT_NOT_OF_PHASE",
+                "where": "footer.split",
+                "message": "found split val; required: test, which this phase accepts",
+            },
+        }[name]
+        for number in numbers:
+            found = state_of(trial, number)
+            assert found.state == State.REFUSED
+            assert found.problems
+            (issue,) = found.problems["issues"]
+            assert issue == {**expected, "severity": "error", "path": "given.parquet"}
 
 
 def test_position_counts_the_jobs_before(trial: Trial) -> None:
