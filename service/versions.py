@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
 from pliant.evaluator.protocols.protocol import Protocol, parse_protocol
+from pliant.evaluator.submission.queries import read_queries
 from pliant.service.audit import HOST, log_time, record
 from pliant.service.challenge import Challenge
 from pliant.service.models import Job, Score, State, Submission, Version
@@ -65,8 +66,9 @@ def add_version(
         actor: Who asks for it.
 
     Raises:
-        CallError: The reason is empty, or the phase's other protocols score another kind of
-            submission, so that none could be scored by all.
+        CallError: The reason is empty, the protocol scores episodes and the split has none, or the
+            phase's other protocols score another kind of submission, so that none could be scored
+            by all.
         SpecError: The halves do not belong together, or have no queries or no truth of the split.
     """
     if not reason.strip():
@@ -75,6 +77,13 @@ def add_version(
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():
         raise SpecError(f"the public half has no queries of split {phase.split}")
+    if protocol.needs_episodes and not read_queries(dataset, phase.split).in_episode(dataset).any():
+        raise CallError(
+            f"protocol {protocol.name} scores points followed through episodes",
+            where=f"phase {phase.name}",
+            found=f"no image pair of split {phase.split} has two frames of one episode",
+            fix="Name another protocol.",
+        )
     known = versions_of(session, phase.name)
     if known:
         kind = parse_protocol(challenge.protocol_path(known[0].protocol_sha256).read_bytes()).kind

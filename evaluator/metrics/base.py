@@ -155,9 +155,11 @@ class Metric(Generic[S]):
         Settings: Class of the settings.
         truth_columns: What `update` needs of `point`, `box_px` and `alternatives`.
         query_pixels: Whether `update` needs the query pixels.
+        episodes: Whether its figures need pairs of two frames of one episode.
     """
 
     Settings: ClassVar[type[Any]] = NoSettings
+    episodes: ClassVar[bool] = False
     truth_columns: tuple[str, ...] = ()
     query_pixels: bool = False
 

@@ -16,6 +16,7 @@ class Jitter(Metric[NoSettings]):
     target sequence and consecutive target frames; a track is a material point asked in both.
     """
 
+    episodes = True
     truth_columns = ("point",)
 
     def __init__(self, settings: NoSettings, context: ScoringContext) -> None:

@@ -21,6 +21,7 @@ class Redetection(Metric[TapvidSettings]):
     """
 
     Settings = TapvidSettings
+    episodes = True
     truth_columns = ("point",)
 
     def __init__(self, settings: TapvidSettings, context: ScoringContext) -> None:

@@ -31,6 +31,7 @@ class Time(Metric[TimeSettings]):
     """
 
     Settings = TimeSettings
+    episodes = True
 
     def __init__(self, settings: TimeSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

@@ -45,6 +45,7 @@ class Videos(Metric[VideosSettings]):
     """
 
     Settings = VideosSettings
+    episodes = True
 
     @classmethod
     def figures(cls, settings: VideosSettings) -> list[Figure]:

@@ -88,6 +88,15 @@ class Protocol(Settings):
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
 
     @property
+    def needs_episodes(self) -> bool:
+        """Whether a figure of the headline has a value for episodes alone."""
+        return any(
+            metric_class(family).episodes and figure.name in self.headline
+            for family, settings in self.settings.items()
+            for figure in metric_class(family).figures(settings)
+        )
+
+    @property
     def document(self) -> dict[str, Any]:
         """The protocol as its file has it."""
         values: dict[str, Any] = settings_to_dict(self)

@@ -395,6 +395,9 @@ def test_what_create_and_open_refuse(
         assert str(tmp_path / "no") in str(missing.value)
     assert not (tmp_path / "a").exists()
     config = tmp_path / "c.yaml"
+    config.write_text("phases: [{name: a, split: test, protocols: [standard, tapvid-first]}]")
+    with pytest.raises(CallError, match=r"tapvid-first scores points .*; found no image pair"):
+        create_challenge(tmp_path / "a", halves.public, halves.private, [], config)
     config.write_text("phases: [{name: a, split: test, protocols: [none]}]")
     with pytest.raises(CallError, match="protocol"):
         create_challenge(tmp_path / "a", halves.public, halves.private, [], config)
