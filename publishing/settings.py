@@ -9,6 +9,7 @@ from typing import Final
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
 from pliant.spec.storage.packing import SHARD_BYTES
+from pliant.spec.text import name_fault
 
 _LEAST_SHARD_BYTES: Final = 2**16
 
@@ -47,6 +48,9 @@ class PublishSettings:
                 found=f"{self.shard_bytes} bytes",
                 required=f">= {_LEAST_SHARD_BYTES}",
             )
+        for name in self.authors:
+            if (fault := name_fault(name)) is not None:
+                raise CallError("invalid name of an author", where="--author", found=fault)
         if self.date is not None and not _is_day(self.date):
             raise CallError(
                 "the date cannot be read", where="--date", found=self.date, required="YYYY-MM-DD"

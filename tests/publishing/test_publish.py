@@ -151,6 +151,7 @@ def test_calls_that_make_no_sense_are_refused(
         ([whole, "--out", str(tmp_path / "o"), "--hold-out", "train"], 2, "nothing to ask"),
         ([whole, "--out", str(tmp_path / "o"), "--shard-size", "5XB"], 2, "size cannot be read"),
         ([whole, "--out", str(tmp_path / "o"), "--date", "1 May"], 2, "date cannot be read"),
+        ([whole, "--out", str(tmp_path / "o"), "--author", "A\nB"], 2, r"character \x0a"),
         ([str(halves.public), "--out", str(tmp_path / "o")], 2, "packed"),
         ([str(tmp_path), "--out", str(tmp_path / "o")], 1, "not a Pliant dataset"),
     ):
