@@ -10,7 +10,8 @@ import click
 
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo, plural, to_call
+from pliant.cli.terminal import echo, to_call
+from pliant.spec.text import plural
 
 if TYPE_CHECKING:
     from pliant.viewer.annotation import Marks

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_result, plural, to_call
+from pliant.cli.terminal import echo, echo_result, to_call
 from pliant.spec.errors import CallError
 from pliant.spec.extras import require_packages
+from pliant.spec.text import plural
 
 if TYPE_CHECKING:
     from pliant.service.challenge import Challenge

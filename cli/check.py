@@ -8,7 +8,8 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option
-from pliant.cli.terminal import echo, echo_json, plural
+from pliant.cli.terminal import echo, echo_json
+from pliant.spec.text import plural
 
 
 @click.command("check")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import json_option, reports_argument
-from pliant.cli.terminal import echo, echo_json, plural
+from pliant.cli.terminal import echo, echo_json
+from pliant.spec.text import plural
 
 if TYPE_CHECKING:
     from pliant.evaluator.comparison import Difference

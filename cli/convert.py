@@ -8,7 +8,8 @@ from typing import Any, Final
 import click
 
 from pliant.cli.options import PATH, json_option, out_option
-from pliant.cli.terminal import echo, echo_result, plural, progress_bar, to_call
+from pliant.cli.terminal import echo, echo_result, progress_bar, to_call
+from pliant.spec.text import plural
 
 TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"]
 

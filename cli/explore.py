@@ -8,7 +8,7 @@ import click
 
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import plural
+from pliant.spec.text import plural
 
 
 @click.command()

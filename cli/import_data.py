@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option, path_option
-from pliant.cli.terminal import echo_result, plural, progress_bar, to_call
+from pliant.cli.terminal import echo_result, progress_bar, to_call
+from pliant.spec.text import plural
 
 if TYPE_CHECKING:
     from pliant.converters.writer import Imported

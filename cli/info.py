@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.options import PATH, json_option
-from pliant.cli.terminal import echo_json, plural
+from pliant.cli.terminal import echo_json
+from pliant.spec.text import plural
 
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset

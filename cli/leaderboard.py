@@ -8,8 +8,9 @@ import click
 
 from pliant.cli.challenge import database_option
 from pliant.cli.options import json_option, out_option, reports_argument
-from pliant.cli.terminal import echo_result, plural
+from pliant.cli.terminal import echo_result
 from pliant.spec.errors import CallError
+from pliant.spec.text import plural
 
 
 @click.command("leaderboard")

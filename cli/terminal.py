@@ -192,10 +192,3 @@ def duration(seconds: float) -> str:
 def to_call(*parts: object) -> str:
     """Return a command in the form that a shell takes: paths with spaces in quotes."""
     return shlex.join(map(str, parts))
-
-
-def plural(count: int, noun: str) -> str:
-    """Return a count with its noun, such as `1 sequence` or `1,200 sequences`."""
-    if count != 1:
-        noun = f"{noun.removesuffix('y')}ies" if noun.endswith("ry") else f"{noun}s"
-    return f"{count:,} {noun}"

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import PATH, json_option
-from pliant.cli.terminal import echo, echo_json, plural, progress_bar
+from pliant.cli.terminal import echo, echo_json, progress_bar
 from pliant.spec.cores import cpu_cores
+from pliant.spec.text import plural
 
 
 @click.command()

@@ -46,6 +46,13 @@ def shortened(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
+def plural(count: int, noun: str) -> str:
+    """Return a count with its noun, such as `1 sequence` or `1,200 sequences`."""
+    if count != 1:
+        noun = f"{noun.removesuffix('y')}ies" if noun.endswith("ry") else f"{noun}s"
+    return f"{count:,} {noun}"
+
+
 def name_fault(name: str) -> str | None:
     """Return why a text cannot be shown as a name, in words, or None for a good name.
 

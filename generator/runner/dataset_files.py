@@ -28,6 +28,7 @@ from pliant.spec.storage.layout import (
     TRUTH_DIR,
 )
 from pliant.spec.tables import SEQUENCES
+from pliant.spec.text import plural
 
 
 def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], root: Path) -> None:
@@ -77,8 +78,8 @@ def describe_dataset(
         "version": config.version,
         "title": config.title or f"Pliant: {names}",
         "description": config.description
-        or f"{len(infos)} sequences of {config.frames} frames ({kind}) of {names}, rendered in "
-        f"style {config.style} with exact correspondences.",
+        or f"{plural(len(infos), 'sequence')} of {plural(config.frames, 'frame')} ({kind}) of "
+        f"{names}, rendered in style {config.style} with exact correspondences.",
         "licence": config.licence,
         "conventions": CONVENTIONS,
         "image_size": {"width": config.width, "height": config.height},
