@@ -27,7 +27,7 @@ from pliant.service.queue import Lease
 from pliant.service.receipts import Signer
 from pliant.service.scoring import Figures, Result, Task, score_in_child
 from pliant.service.settings import Scoring
-from pliant.service.versions import newest_versions
+from pliant.service.versions import RESCORE_PRIORITY, new_job, newest_versions
 from pliant.spec.errors import PliantError
 from pliant.spec.limits import LimitError
 
@@ -165,9 +165,14 @@ class Worker:
             return
         for version_id, figures in (result.figures or {}).items():
             self._add_score(session, submission, version_id, figures, result)
+        is_new = submission.finished_ms is None
         queue.finish(session, job, State.CHECKED if submission.check_only else State.SCORED)
         if submission.check_only:
             record(session, SYSTEM, "checked", subject)
+        elif is_new:  # `rescore` leaves out what is not scored yet
+            newest = [each.id for each in newest_versions(session, submission.phase)]
+            if later := [each for each in newest if each not in (result.figures or {})]:
+                session.add(new_job(submission, later, RESCORE_PRIORITY))
 
     def _add_score(
         self,

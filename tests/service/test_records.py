@@ -25,11 +25,12 @@ from pliant.service.creation import create_challenge
 from pliant.service.models import APPEND_ONLY, Base, Score, Version
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
 from pliant.service.rescoring import rescore_challenge
-from pliant.service.settings import read_challenge_settings
+from pliant.service.scoring import Result, Task
+from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
 from pliant.spec.errors import CallError, PliantError, SpecError
-from tests.service.conftest import Halves, MakeTrial, Trial
+from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 
 def scored(trial: Trial) -> Trial:
@@ -180,6 +181,22 @@ def test_rescoring_adds_scores_and_changes_none(
         ).all()
         verify_log(session)
     assert sorted(each[1] for each in found) == ["paper", "standard"]
+
+
+def test_what_waits_during_a_rescore_gets_the_new_scores_too(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    trial.send(b"runs")
+    trial.send(b"waits", team=1)
+
+    def rescores(task: Task, limits: Scoring) -> Result:
+        if task.file.read_bytes() == b"runs":
+            rescore_challenge(trial.challenge, None, "paper", None, "more figures")
+        return quick(task, limits)
+
+    trial.work(rescores)
+    with trial.challenge.database.read() as session:
+        found = session.execute(select(Score.submission_id, Score.version_id)).all()
+    assert sorted(map(tuple, found)) == [(1, 1), (1, 2), (2, 1), (2, 2)]
 
 
 def test_backup_and_archive_give_the_same_service(
