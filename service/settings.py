@@ -22,7 +22,17 @@ def _check_name(name: str) -> str:
     return name
 
 
+def _in_utc(moment: datetime) -> datetime:
+    if moment.tzinfo is None:
+        raise Refused("a time with its zone, such as 2027-03-01T00:00:00Z")
+    try:
+        return moment.astimezone(UTC)
+    except OverflowError:
+        raise Refused("a time of the years 1 to 9999 in UTC") from None
+
+
 Name = Annotated[str, AfterValidator(_check_name)]
+Moment = Annotated[datetime, AfterValidator(_in_utc)]
 Count = Annotated[int, Bounds(1, 1_000_000)]
 
 
@@ -44,8 +54,8 @@ class Phase(Settings):
     name: Name
     split: Annotated[str, OneOf(SPLITS)]
     protocols: Annotated[tuple[str, ...], NotEmpty()] = ("standard",)
-    opens: datetime | None = None
-    closes: datetime | None = None
+    opens: Moment | None = None
+    closes: Moment | None = None
     attempts_per_day: Count = 5
     attempts_total: Count = 100
     allow_missing: bool = False
@@ -53,9 +63,6 @@ class Phase(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Phase:
-        for name, moment in (("opens", self.opens), ("closes", self.closes)):
-            if moment and moment.tzinfo is None:
-                raise Refused("a time with its zone, such as 2027-03-01T00:00:00Z", name)
         if self.opens and self.closes and self.opens >= self.closes:
             raise Refused("a time after opens", "closes")
         return self

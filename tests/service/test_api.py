@@ -229,6 +229,15 @@ def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial
         assert len(stored) == 1
 
 
+def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:
+    trial = make_trial("phases: [{name: later, split: test, opens: 2199-03-01T00:00:00+09:00}]")
+    with client_of(trial) as client:
+        assert "upcoming, opens 2199-02-28 15:00 UTC;" in client.get("/").text
+        assert "<td>2199-02-28 15:00 UTC</td>" in client.get("/rules").text
+        refused = submit(client, trial.tokens[0], b"early").json()
+        assert refused["message"] == "phase later is upcoming; found opens 2199-02-28 15:00 UTC"
+
+
 def test_what_opens_first(make_trial: MakeTrial) -> None:
     trial = make_trial(TWO_PHASES)
     with client_of(trial) as client:

@@ -380,6 +380,7 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
         ("phases: [{name: a, split: test}, {name: a, split: val}]", "different names"),
         ("phases: [{name: a, split: test, opens: '2027-01-01T00:00:00'}]", "a time with its zone"),
         ("phases: [{name: a, split: test, opens: 2027-01-01}]", "required: a time, such as"),
+        ("phases: [{name: a, split: test, opens: 0001-01-01T00:00:00+02:00}]", "the years 1 to"),
         ("max_file_mb: -1", "above 0 to 16384 MB"),
         ("phases: [{name: A b, split: test}]", "name.*small letters"),
         ("phases: [{name: a, split: test, shwo: last}]", "Did you mean .show"),

@@ -50,6 +50,15 @@ class Page:
         self.browser.follow("main button.main")
 
 
+RULES = f"""
+rules: |
+  Name `{"a" * 99}` and https://example.org/{"b" * 99}
+
+  | {" | ".join(f"column-{k}" for k in range(20))} |
+  |{"---|" * 20}
+"""
+
+
 @contextmanager
 def scripts_disabled(browser: Browser) -> Iterator[None]:
     """Let the pages run no JavaScript."""
@@ -72,7 +81,7 @@ def test_a_host_and_a_team(
     width: int,
     dark: bool,
 ) -> None:
-    trial = make_trial()
+    trial = make_trial(RULES)
     bad = tmp_path / "bad.parquet"
     bad.write_bytes(service_halves.submissions[0].read_bytes()[:3000])
     with serving(trial.challenge.root, tmp_path / "log", "--workers", "1") as server:
