@@ -109,7 +109,7 @@ class FrameStore:
                 path=dataset.root,
                 required=f"one of {splits}" if splits else "a dataset of pliant generate",
             )
-        self.size = size
+        self.size = int(size[0]), int(size[1])
         self.full_size = dataset.size
         self.where = f"tier {tier}, split {split}"
         self.root = dataset.root
@@ -124,14 +124,14 @@ class FrameStore:
             digest = hashlib.sha256(
                 dataset.fingerprint()
                 + json.dumps(
-                    [dataset.info, tier, split, size, limit, _STORED], sort_keys=True
+                    [dataset.info, tier, split, self.size, limit, _STORED], sort_keys=True
                 ).encode()
             ).hexdigest()[:16]
             folder = Path(cache)
             if folder.exists() and not folder.is_dir():
                 raise CallError("this is not a folder", path=folder, where="cache")
             folder.mkdir(parents=True, exist_ok=True)
-            self._path = folder / f"{tier}-{split}-{size[0]}x{size[1]}-{digest}.frames"
+            self._path = folder / f"{tier}-{split}-{self.size[0]}x{self.size[1]}-{digest}.frames"
 
     @property
     def points(self) -> int:
