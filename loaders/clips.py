@@ -23,6 +23,8 @@ from pliant.spec.calls import check_whole
 from pliant.spec.errors import CallError
 
 _COLOUR = NetworkInput()
+_OF_PAIRS = ("recolour", "mask_faults", "mask_damage", "mask_drop", "picture_drop", "symmetric")
+"""Settings of augmentation that clips do not have."""
 
 
 class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
@@ -41,10 +43,11 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         queries: Tracks in a clip Q.
         input: The channels of its images.
         seed: Seed of the draws.
-        augmentation: Random changes, the same for all frames of a clip, or None.
+        augmentation: Random changes, the same for all frames of a clip, or None. Clips are
+            rotated and scaled about the centre, and have colour and noise.
 
     Raises:
-        CallError: No episode is long enough.
+        CallError: No episode is long enough, or another change is asked for.
 
     Examples:
         >>> episodes = {"tiers": ["rope"], "splits": {"train": 1}, "style": "raster", "width": 160}
@@ -73,6 +76,14 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         check_whole("queries", queries, 1)
         check_whole("seed", seed)
         check_augmentation(augmentation)
+        others = [name for name in _OF_PAIRS if augmentation and getattr(augmentation, name)]
+        if others:
+            raise CallError(
+                "clips do not have this augmentation",
+                where="augmentation",
+                found=", ".join(others),
+                required="rotate_deg, scale, colour and noise",
+            )
         self.store = store
         self.length, self.queries = length, queries
         self.input = input

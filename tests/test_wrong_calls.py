@@ -12,6 +12,7 @@ import pytest
 
 import pliant
 from pliant.loaders import (
+    AugmentSettings,
     ClipDataset,
     FrameStore,
     MixedPairs,
@@ -90,6 +91,10 @@ CALLS: dict[str, tuple[Call, str]] = {
     ),
     "ClipDataset(ds)": (lambda ds, store: ClipDataset(ds), STORE),
     "ClipDataset length": (lambda ds, store: ClipDataset(store, length=1), "length: .*>= 2"),
+    "ClipDataset augmentation": (
+        lambda ds, store: ClipDataset(store, augmentation=AugmentSettings(symmetric=1, recolour=1)),
+        "augmentation: clips do not have .*; found recolour, symmetric; required: rotate_deg",
+    ),
     "ClipDataset no episode": (lambda ds, store: ClipDataset(store), "no episode of 4 frames"),
     "MixedPairs([])": (lambda ds, store: MixedPairs([]), "no dataset to draw from"),
     "MixedPairs([ds])": (lambda ds, store: MixedPairs([ds]), "parts: .*required: PairDataset"),
