@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_depth_is_picked_never_averaged() -> None:
 def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path: Path) -> None:
     plain = FrameStore(sheet_dataset, "sheet", "train", (80, 60))
     cached = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
-    size = np.int64(80), np.int64(60)
+    size: Any = np.int64(80), np.int64(60)
     again = FrameStore(sheet_dataset, "sheet", "train", size, cache=tmp_path)
     for index in range(len(plain)):
         for store in (cached, cached, again):
