@@ -26,6 +26,9 @@ _FLOATING: Final = "F"
 _INTEGER: Final = "I"
 _NUMBERS: Final = (_FLOATING, _INTEGER)  # Pillow's modes of 32 bits: labels, or no picture
 
+_HEIC: Final = (b"heic", b"heix", b"mif1", b"msf1")
+"""Brands of files that iPhones write."""
+
 _MILLIMETRES_PER_METRE: Final = 1000.0
 _TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
 
@@ -196,8 +199,13 @@ def _check_size(
 def _unreadable(path: Path, error: Exception) -> PliantError:
     if isinstance(error, PliantError):
         return error
-    empty = path.stat().st_size == 0
-    said = "the file is empty" if empty else str(error).split(" '")[0].split(" <")[0][:200]
+    with open(path, "rb") as file:
+        start = file.read(12)
+    if start[4:8] == b"ftyp" and start[8:] in _HEIC:
+        return PliantError(
+            "the picture cannot be read: HEIC is not supported", path=path, fix="Save it as JPEG."
+        )
+    said = "the file is empty" if not start else str(error).split(" '")[0].split(" <")[0][:200]
     return PliantError(f"the picture cannot be read ({said})", path=path)
 
 

@@ -118,6 +118,7 @@ BAD_INPUTS: dict[str, tuple[str, str]] = {
     # name of the file -> how it is made is below; what match says, or nothing if it is read
     "text.png": ("text", "cannot be read (cannot identify image file)"),
     "empty.jpg": ("empty", "cannot be read (the file is empty)"),
+    "iphone.heic": ("heic", "HEIC is not supported. Save it as JPEG"),
     "truncated.jpg": ("truncated", "cannot be read (image file is truncated"),
     "wide.png": ("wide", "9000x4 px; at most 8192 px a side: make it smaller"),
     "folder.png": ("folder", "a picture is needed, not a folder"),
@@ -130,6 +131,8 @@ def bad_input(path: Path, kind: str) -> None:
     picture = Image.effect_noise((60, 40), 60)
     if kind == "text":
         path.write_text("not a picture")
+    elif kind == "heic":
+        path.write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic")
     elif kind in ("empty", "folder"):
         path.touch() if kind == "empty" else path.mkdir()
     elif kind == "wide":
