@@ -158,13 +158,14 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
     Raises:
         SpecError: The picture is not found.
     """
-    whole = PurePosixPath(name.replace("\\", "/"))
-    inside = not whole.is_absolute() and ".." not in whole.parts
-    for candidate in (whole, whole.name) if inside else (whole.name,):
-        for below in (folder, folder / "images"):
-            # Not Path.is_file, which raises where a name is too long.
-            if whole.name and os.path.isfile(below / candidate):
-                return below / candidate
+    for given in (name, name.strip()):  # the name of a file may begin or end with a space
+        whole = PurePosixPath(given.replace("\\", "/"))
+        inside = not whole.is_absolute() and ".." not in whole.parts
+        for candidate in (whole, whole.name) if inside else (whole.name,):
+            for below in (folder, folder / "images"):
+                # Not Path.is_file, which raises where a name is too long.
+                if whole.name and os.path.isfile(below / candidate):
+                    return below / candidate
     raise SpecError(
         "picture not found",
         path=path,
@@ -191,7 +192,8 @@ def read_rows(
         optional: Columns that are empty in a file without them.
 
     Returns:
-        (place, row) for each row that is not empty.
+        (place, row) for each row that is not empty; without spaces around values, except around
+        the name of a picture.
 
     Raises:
         CallError: The file is not found.
@@ -241,7 +243,8 @@ def read_rows(
                     required=len(found),
                     fix="Write 5.5, not 5,5; put a text with a comma in quotation marks.",
                 )
-            rows.append((where, {name: (row.get(name) or "").strip() for name in wanted}))
+            values = {name: row.get(name) or "" for name in wanted}
+            rows.append((where, {k: v if k == "picture" else v.strip() for k, v in values.items()}))
     except csv.Error as error:  # a field of more than 128 KiB
         raise SpecError(
             "the line is not of a CSV file",

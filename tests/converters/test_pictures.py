@@ -124,6 +124,14 @@ def test_a_mask_that_could_be_of_another_picture_is_refused(
     assert "a b.png: one file in the folder is for two pictures" in capsys.readouterr().err
 
 
+def test_names_of_pictures_keep_their_spaces(photos: Path, tmp_path: Path) -> None:
+    """As `pliant annotate` writes them; a space that a person adds to a row does not count."""
+    (photos / "a b.JPG").rename(photos / " a b.JPG")
+    (photos / "annotations.csv").write_text(CSV.replace("a b.JPG", " a b.JPG").replace("ç", " ç"))
+    imported(photos, tmp_path / "out")
+    assert {row[:-1] for row in asked(tmp_path / "out")} == ASKED
+
+
 def test_a_list_of_pairs_is_all_that_is_asked(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
