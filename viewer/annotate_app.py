@@ -51,7 +51,11 @@ def annotate_application(
 
     def save(document: Any) -> Any:
         annotation.update(document)
-        return {"saved": annotation.count(), "suggested": annotation.count("suggested")}
+        return {
+            "saved": annotation.count(),
+            "suggested": annotation.count("suggested"),
+            "revision": annotation.revision,
+        }
 
     def suggest(document: Any) -> Any:
         assert suggester is not None

@@ -55,6 +55,7 @@ class Annotation:
         self.path = folder / ANNOTATIONS_CSV
         self.marks: Marks = marks or {}
         self.points = list(dict.fromkeys(chain(points, *self.marks.values())))
+        self.revision = 0
         self._lock = threading.Lock()
 
     def state(self) -> dict[str, Any]:
@@ -67,16 +68,23 @@ class Annotation:
             picture: {point: _listed(mark) for point, mark in own.items()}
             for picture, own in self.marks.items()
         }
-        return {"pictures": pictures, "points": self.points, "marks": marks}
+        return {
+            "pictures": pictures,
+            "points": self.points,
+            "marks": marks,
+            "revision": self.revision,
+        }
 
     def update(self, document: Any) -> None:
         """Replace points and marks by those of the page, and write them.
 
         Raises:
-            CallError: They are not of the form of `state`.
+            CallError: They are not of the form of `state`, or name an earlier `revision`: another
+                window has changed the marks since.
         """
         sizes = dict(zip((p.name for p in self.pictures), self.sizes, strict=True))
         try:
+            revision = document.get("revision", self.revision)
             points = [str(point).strip() for point in document["points"]]
             marks = {
                 picture: {
@@ -88,8 +96,13 @@ class Annotation:
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise CallError("the marks are not of this folder", found=str(error)[:80]) from error
         with self._lock:
+            if revision != self.revision:
+                raise CallError(
+                    "the marks were changed in another window", fix="Reload this page to go on."
+                )
             self.points, self.marks = points, marks
             self._write()
+            self.revision += 1
 
     def _write(self) -> None:
         text = io.StringIO(newline="")

@@ -106,7 +106,7 @@ def test_the_page_asks_and_saves(folder: Path) -> None:
         for number in ("99", "9" * 5000, "-1", "%00", "..%2fannotations.csv"):
             assert ask(address, below(address, f"picture/{number}"))[0] in (400, 404)
         marks = {"one.jpg": {"ball": [9, 9, True, "marked"]}}
-        saved = {"saved": 1, "suggested": 0}
+        saved = {"saved": 1, "suggested": 0, "revision": 1}
         assert post("marks", {"points": ["ball"], "marks": marks}) == (200, saved)
         assert post("suggest", {"source": 0, "target": 2})[1]["marks"] == {"ball": [9.0, 9.0]}
         for broken in (b"", b"{", b"[" * 10**5, b"9" * 5000, b"null", b"\xff"):
@@ -176,6 +176,36 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
         assert browser.run("return state.points") == ["ball", "end", "middle"]
         assert browser.run("return $('suggest').hidden")
     assert browser.errors() == []
+
+
+def test_a_second_window_does_not_undo_the_marks_of_the_first(
+    browser: Browser, folder: Path
+) -> None:
+    with served(application(Annotation(folder, ["ball", "end"]))) as address:
+        browser.size(1200, 800)
+        browser.open(address)
+        browser.wait("document.body.dataset.ready && image(0).complete")
+        first = browser.driver.current_window_handle
+        browser.driver.switch_to.new_window("tab")
+        browser.open(address)
+        browser.wait("document.body.dataset.ready")
+        browser.keys("h")
+        browser.wait("$('said').textContent === '1 mark saved'")
+        browser.keys("h")
+        browser.wait("$('said').textContent === '0 marks saved'")
+        browser.keys("h")
+        browser.wait("$('said').textContent === '1 mark saved'")
+        browser.driver.close()
+        browser.driver.switch_to.window(first)
+        browser.keys(Keys.ARROW_DOWN)
+        browser.keys("h")
+        browser.wait("$('said').textContent.startsWith('Not saved')")
+        assert "changed in another window. Reload" in browser.run("return $('said').textContent")
+        browser.open(address)
+        browser.wait("document.body.dataset.ready")
+        browser.keys("h")
+        browser.wait("$('said').textContent === '2 marks saved'")
+    assert len(marks_of(folder)) == 2
 
 
 def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, folder: Path) -> None:

@@ -37,7 +37,8 @@ let saving = Promise.resolve();
 function save() {
   const body = copy({points: state.points, marks: state.marks});
   saving = saving.then(async () => {
-    try { const {saved, suggested} = await send("marks", body);
+    try { const {saved, suggested, revision} = await send("marks", {...body, revision: state.revision});
+      state.revision = revision;
       say(`${saved} ${saved === 1 ? "mark" : "marks"} saved` + (suggested ? `, ${suggested} of them suggested: confirm them (Enter) or move them` : "")); }
     catch (error) { say(`Not saved: ${error.message}`, true); }
   });
