@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -24,6 +24,11 @@ def _positions(
             ) from error
         found.append((u, v))
     return found
+
+
+_MORE_PICTURES: Final = tuple(
+    f"{kind}_{side}" for kind in ("mask", "objects", "depth") for side in ("source", "target")
+)
 
 
 @click.command()
@@ -92,6 +97,7 @@ def command(
         found = "both" if at else "none"
         raise CallError("name the points by --at U,V or by --grid N", found=found)
     check_figure_path(out)
+    _check_kept(out, source, target, *(given[name] for name in _MORE_PICTURES))
     matcher = open_method(method, **given["options"])
     if isinstance(matcher, SplitMatcher):
         raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
@@ -122,6 +128,20 @@ def command(
     }
     text = "\n".join(_lines(document))
     echo_result(document, text, as_json=as_json)
+
+
+def _check_kept(out: Path, *pictures: Path | None) -> None:
+    """Refuse to replace a picture by the figure of it."""
+    from pliant.spec.errors import CallError
+
+    for each in pictures:
+        if each is not None and each.exists() and out.exists() and out.samefile(each):
+            raise CallError(
+                "the figure would replace a picture that it shows",
+                path=out,
+                where="--out",
+                fix="Name another file.",
+            )
 
 
 def _lines(document: dict[str, Any]) -> list[str]:

@@ -239,6 +239,20 @@ def test_several_points_and_a_grid(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "by --at U,V or by --grid N; found none" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["source.png", "mask-target.png"])
+def test_a_figure_does_not_replace_its_own_pictures(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = pair_of_cards(tmp_path)
+    before = (tmp_path / name).read_bytes()
+    (tmp_path / "link.png").symlink_to(name)
+    for out in (name, "link.png"):
+        point = ["--at", "140.5,89.5", "--out", str(tmp_path / out)]
+        assert run(["match", "identity", *options, *point]) == 2
+        assert "would replace a picture that it shows" in capsys.readouterr().err
+    assert (tmp_path / name).read_bytes() == before
+
+
 def test_grid_points_cover_the_object() -> None:
     mask = np.zeros((40, 60), np.bool_)
     mask[10:30, 20:40] = True
