@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 from sqlalchemy import select
 
+from pliant.evaluator.report.report import check_out_dir
+from pliant.evaluator.report.site import INDEX
 from pliant.service.audit import log_time
 from pliant.service.challenge import Challenge
 from pliant.service.leaderboard import leaderboard
@@ -15,6 +18,8 @@ from pliant.service.web.views import board_csv
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged
 
+_SUBMISSIONS, _STYLE, _KEY = _OTHERS = ("submissions", "service.css", "key.pem")
+
 
 def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
     """Write a page and a CSV per version of scoring, and the receipts of each submission.
@@ -23,11 +28,18 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
 
     Args:
         challenge: The challenge.
-        out: The site's folder; an earlier one is replaced.
+        out: The site's folder: new, empty, or an earlier site, which is replaced.
 
     Returns:
         The names of the pages.
+
+    Raises:
+        CallError: `out` contains something else.
     """
+    with challenge.database.read() as session:
+        numbers = session.scalars(select(Version.id)).all()
+    of_versions = chain(map(_page, numbers), map(_table, numbers))
+    check_out_dir(out, (INDEX, *_OTHERS, *of_versions), "site")
     site = Site(challenge)
     pages: list[str] = []
     with challenge.database.read() as session, staged(out) as folder:
@@ -50,12 +62,12 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
                 show=rules.show,
                 first_id=None if first is None else first.id,
             )
-            name = "index.html" if version is first else f"version-{version.id}.html"
+            name = INDEX if version is first else _page(version.id)
             pages.append(name)
             (folder / name).write_text(page, encoding="utf-8")
-            csv = folder / f"leaderboard-{version.id}.csv"
+            csv = folder / _table(version.id)
             csv.write_text(board_csv(board, version), encoding="utf-8")
-        (folder / "submissions").mkdir()
+        (folder / _SUBMISSIONS).mkdir()
         public = (
             select(Score.submission_id, Score.receipt)
             .join(Submission, Submission.id == Score.submission_id)
@@ -66,7 +78,15 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
         for number, receipt in session.execute(public):
             receipts.setdefault(number, []).append(receipt)
         for number, found in receipts.items():
-            write_json(folder / "submissions" / f"{number}.json", found)
-        (folder / "service.css").write_bytes(static_file("service.css"))
-        (folder / "key.pem").write_bytes(challenge.public_key.read_bytes())
+            write_json(folder / _SUBMISSIONS / f"{number}.json", found)
+        (folder / _STYLE).write_bytes(static_file(_STYLE))
+        (folder / _KEY).write_bytes(challenge.public_key.read_bytes())
     return pages
+
+
+def _page(version: int) -> str:
+    return f"version-{version}.html"
+
+
+def _table(version: int) -> str:
+    return f"leaderboard-{version}.csv"

@@ -369,6 +369,15 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
     receipts = json.loads((tmp_path / "site" / "submissions" / "1.json").read_text())
     verify_receipt(receipts[0], read_public_key(tmp_path / "site" / "key.pem"))
     assert not (tmp_path / "site" / "submissions" / "3.json").exists()
+    rescore_challenge(trial.challenge, None, "paper", None, "more figures")
+    for _ in range(2):  # an earlier site is replaced, and nothing else
+        assert len(write_challenge_site(trial.challenge, tmp_path / "site")) == 2
+    (tmp_path / "site" / "mine.txt").touch()
+    for place in (tmp_path / "site", trial.challenge.root):
+        before = sorted(os.listdir(place))
+        with pytest.raises(CallError, match="something other than a site; found "):
+            write_challenge_site(trial.challenge, place)
+        assert sorted(os.listdir(place)) == before
 
 
 @pytest.mark.parametrize(
