@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
 from pliant.baselines.tracing.centring import evenly_spaced
 from pliant.baselines.tracing.hypotheses import Trace
 from pliant.baselines.tracing.reframing import Reframed
+from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
-
-_AT_BORDER: Final = 0.5  # half widths between an end and the border
-_MASK_PX: Final = 2.0  # by which a mask may end earlier
 
 
 def with_cut_ends(traces: Sequence[Trace], seen: Reframed, has_ball: bool) -> list[Trace]:
@@ -37,7 +34,7 @@ def with_cut_ends(traces: Sequence[Trace], seen: Reframed, has_ball: bool) -> li
         ends = trace.uv_px[[0, -1]]
         places = seen.back(Answers(ends.astype(np.float32))).uv_px
         away = np.minimum(places, [width, height] - places).min(axis=1)
-        near = away <= _AT_BORDER * trace.half_px + _MASK_PX
+        near = away <= TRACING.border_reach * trace.half_px + TRACING.border_px
         found.append(replace(trace, cut=(bool(near[0]) and not has_ball, bool(near[1]))))
     return found
 

@@ -102,6 +102,9 @@ class TracingSettings:
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_own: Largest cost of one between ends of the same part (unrecorded).
         bridge_ball: A ball that is farther from the rope is bridged to (unrecorded).
+        border_reach: Half widths between a cut end and the border of the picture at most
+            (unrecorded; none of 192 ropes of the reference benchmark is called cut).
+        border_px: Pixels by which a mask may end before the border (unrecorded).
         shape_least_part: Smaller parts than this share of the largest are specks (unrecorded).
         shape_around: Radius in which loose ends are looked for (unrecorded).
         shape_at_end: Area of a rope within that around its end, over that around its middle
@@ -177,6 +180,8 @@ class TracingSettings:
     bridge_length: float = 0.02
     bridge_own: float = 0.8
     bridge_ball: float = 4.0
+    border_reach: float = 0.5
+    border_px: float = 2.0
     shape_least_part: float = 0.1
     shape_around: float = 5.0
     shape_at_end: float = 0.65
