@@ -247,6 +247,10 @@ def test_what_opens_first(make_trial: MakeTrial) -> None:
             page = SignedIn(client, token).get("/submit").text
             chosen = re.findall(r'value="(\w+)" checked', page)
             assert chosen == ["first"]
+        assert (
+            "first: 1 today, 1 in all<br>second: 5 today"
+            in SignedIn(client, trial.host).get("/admin").text
+        )
         assert "--to http://testserver --token" in client.get("/rules").text
 
 
