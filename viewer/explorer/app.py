@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -32,6 +33,8 @@ from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
 from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder, rounded
 from pliant.viewer.local_app import page_application
+
+log = logging.getLogger(__name__)
 
 STATIC: Final = Path(__file__).parent / "static"
 
@@ -82,6 +85,9 @@ class Explorer:
                 return JSONResponse({"error": str(error)}, 400)
             except (PliantError, OSError) as error:
                 return JSONResponse({"error": str(error)}, 422)
+            except Exception as error:  # of a method of one's own
+                log.exception("%s failed", request.url.path.rpartition("/")[2])
+                return JSONResponse({"error": f"{type(error).__name__}: {error}"[:400]}, 500)
 
         return endpoint
 

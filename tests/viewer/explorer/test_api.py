@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from urllib.parse import quote
 
 import pytest
 
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Pair
+from tests.viewer.explorer.conftest import Shifted
 from tests.viewer.serving import ask, below
 
 HUGE = "rope-test-000000/" + "9" * 5000
@@ -37,3 +41,17 @@ def test_wrong_parameters_get_one_sentence_and_nothing_can_be_written(address: s
         assert (status, said in body) == (400, True), body
     for method in ("POST", "PUT", "DELETE", "PATCH"):
         assert ask(address, below(address, "api/dataset"), method)[0] == 405
+
+
+def test_an_error_of_a_method_of_ones_own_is_said(
+    address: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(method: Shifted, pair: Pair) -> Answers:
+        raise RuntimeError("no weights")
+
+    monkeypatch.setattr(Shifted, "answer", broken)
+    call = "api/warm?a=rope-test-000000/0&b=rope-test-000001/0&method=0"
+    status, body = ask(address, below(address, call))
+    assert (status, json.loads(body)) == (500, {"error": "RuntimeError: no weights"})
+    assert "warm failed" in caplog.text
+    assert "in broken" in caplog.text
