@@ -221,9 +221,7 @@ def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float3
     mask = matcher.object_mask(source)
     if mask is None or not mask.any():
         return []
-    places_px = np.argwhere(mask)[:, ::-1] + 0.5
-    near_px = _NEAR_SHARE * max(mask.shape)
-    beside = sum(float(np.hypot(*(places_px - uv).T).min()) > near_px for uv in uv_px)
+    beside = sum(not _is_near(mask, uv, _NEAR_SHARE * max(mask.shape)) for uv in uv_px)
     if not beside:
         return []
     which = f"{beside} of {len(uv_px)} points are" if len(uv_px) > 1 else "The point is"
@@ -231,6 +229,15 @@ def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float3
         f"{which} not on the object that {matcher.name} found in the source: choose a point of "
         "the object, or give its mask."
     ]
+
+
+def _is_near(mask: npt.NDArray[np.bool_], uv_px: npt.NDArray[np.float32], reach_px: float) -> bool:
+    """Return whether a pixel of a mask is within a distance of a place."""
+    low = np.maximum(np.floor(uv_px - reach_px), 0).astype(np.int64)
+    high = np.ceil(uv_px + reach_px).astype(np.int64)
+    rows, columns = np.nonzero(mask[low[1] : high[1], low[0] : high[0]])
+    away = np.hypot(columns + low[0] + 0.5 - uv_px[0], rows + low[1] + 0.5 - uv_px[1])
+    return bool((away <= reach_px).any())
 
 
 def grid_points(
