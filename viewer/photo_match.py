@@ -224,10 +224,10 @@ def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float3
     beside = sum(not _is_near(mask, uv, _NEAR_SHARE * max(mask.shape)) for uv in uv_px)
     if not beside:
         return []
-    which = f"{beside} of {len(uv_px)} points are" if len(uv_px) > 1 else "The point is"
+    which = f"{beside} of {len(uv_px)} points" if len(uv_px) > 1 else "The point"
     return [
-        f"{which} not on the object that {matcher.name} found in the source: choose a point of "
-        "the object, or give its mask."
+        f"{which} {'is' if beside == 1 else 'are'} not on the object that {matcher.name} found in "
+        "the source: choose a point of the object, or give its mask."
     ]
 
 
