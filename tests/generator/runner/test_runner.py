@@ -25,6 +25,12 @@ def test_a_finished_set_is_left_alone(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
+def test_the_description_counts_one_in_the_singular(tmp_path):
+    make(tmp_path / "set", splits={"train": 1}, frames=1, episodes=False)
+    described = json.loads((tmp_path / "set" / "dataset.json").read_bytes())["description"]
+    assert described.startswith("1 sequence of 1 frame (configurations) of rope,")
+
+
 def test_growth_that_was_interrupted_before_the_tables_is_finished(
     uninterrupted, tmp_path, monkeypatch
 ):
