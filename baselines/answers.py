@@ -75,7 +75,9 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
     return replace(answers, **fields)
 
 
-def checked_matches(found: Any, method: str, where: str | None = None) -> Matches:
+def checked_matches(
+    found: Any, method: str, where: str | None = None, *, index: bool = False
+) -> Matches:
     """Return a method's keypoint matches as arrays.
 
     Args:
@@ -83,6 +85,7 @@ def checked_matches(found: Any, method: str, where: str | None = None) -> Matche
             scores (M,).
         method: The method's name, for messages.
         where: Which pair, for messages.
+        index: Whether positions are column and row numbers, which may be integers.
 
     Raises:
         SubmissionError: Wrong shapes or values.
@@ -108,8 +111,9 @@ def checked_matches(found: Any, method: str, where: str | None = None) -> Matche
             required="`Matches`, or arrays (M, 2), (M, 2) and optionally scores (M,)",
         )
     score = parts[2] if len(parts) == 3 else np.ones(count)
-    for name, given in zip(("uv_a_px", "uv_b_px"), found, strict=False):
-        check.precision(name, given)
+    if not index:
+        for name, given in zip(("uv_a_px", "uv_b_px"), found, strict=False):
+            check.precision(name, given)
     return Matches(
         check.values("uv_a_px", parts[0], (count, 2), _POSITION),
         check.values("uv_b_px", parts[1], (count, 2), _POSITION),

@@ -93,7 +93,8 @@ def on_images(
 def _match_images(
     function: Callable[[Any, Any], Any], images: Images, name: str, source: Frame, target: Frame
 ) -> Matches:
-    matches = checked_matches(function(images.image(source), images.image(target)), name)
+    found = function(images.image(source), images.image(target))
+    matches = checked_matches(found, name, index=images.coordinates == "index")
     return Matches(
         images.from_function(matches.uv_a_px, source).astype(np.float32),
         images.from_function(matches.uv_b_px, target).astype(np.float32),
