@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 from pydantic_core import core_schema
 
+from pliant.spec.conventions import NAME
 from pliant.spec.text import unsafe_character
 
 UNITS = {
@@ -230,7 +231,7 @@ class DrawnFrom:
 Name = Annotated[
     str,
     Pattern(
-        r"(?!.*\.\.)[A-Za-z0-9]([A-Za-z0-9._-]{0,126}[A-Za-z0-9])?",
+        NAME,
         "1 to 128 of A-Z, a-z, 0-9, '.', '_', '-', without '..', a letter or digit at both ends",
     ),
 ]

@@ -17,6 +17,9 @@ behind the camera), whatever hides it."""
 
 POINT_KINDS: Final = ("surface", "centreline")
 
+NAME: Final = r"(?!.*\.\.)[A-Za-z0-9]([A-Za-z0-9._-]{0,126}[A-Za-z0-9])?"
+"""Regular expression of names of datasets, tiers and sequences; they are folder names too."""
+
 SPLITS: Final = ("train", "val", "test")
 
 

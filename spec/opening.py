@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.conventions import NAME, SPEC_VERSION
 from pliant.spec.errors import SpecError
 from pliant.spec.io.reading import AnyFile, FileRefusedError
 from pliant.spec.model import Tier
 
-NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
-"""What names of tiers and sequences look like; they are folder names too."""
-
 
 def is_name(text: str) -> bool:
     """Return whether a text may name a tier or a sequence (and so a folder)."""
-    return NAME.fullmatch(text) is not None and ".." not in text
+    return re.fullmatch(NAME, text) is not None
 
 
 def check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> None:
