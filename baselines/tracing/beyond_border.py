@@ -14,20 +14,21 @@ import numpy as np
 
 from pliant.baselines.tracing.centring import evenly_spaced
 from pliant.baselines.tracing.hypotheses import Trace
+from pliant.baselines.tracing.mask_shape import has_ball
 from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
 
 
-def with_cut_ends(traces: Sequence[Trace], seen: Reframed, has_ball: bool) -> list[Trace]:
+def with_cut_ends(traces: Sequence[Trace], seen: Reframed) -> list[Trace]:
     """Return traces that say which of their ends are at the border of the picture.
 
     Args:
-        traces: Traces in `seen`.
+        traces: Traces in `seen`; where a ball is known, they begin at it, inside the picture.
         seen: The picture.
-        has_ball: Whether they begin at a ball: that end of the rope is in the picture.
     """
+    at_ball = has_ball(seen.view) is True
     height, width = (seen.original or seen.view).rgb.shape[:2]
     found = []
     for trace in traces:
@@ -35,7 +36,7 @@ def with_cut_ends(traces: Sequence[Trace], seen: Reframed, has_ball: bool) -> li
         places = seen.back(Answers(ends.astype(np.float32))).uv_px
         away = np.minimum(places, [width, height] - places).min(axis=1)
         near = away <= TRACING.border_reach * trace.half_px + TRACING.border_px
-        found.append(replace(trace, cut=(bool(near[0]) and not has_ball, bool(near[1]))))
+        found.append(replace(trace, cut=(bool(near[0]) and not at_ball, bool(near[1]))))
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, mask_remarks
 from pliant.baselines.tracing.rectification import rectified
 from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.transfer import best_pair, located, placed
@@ -77,6 +77,6 @@ class RopeTracer:
             if mask is None:
                 return above, []
             traces = rope_traces(mask, above.view.objects, nadir=above.nadir)
-            return above, with_cut_ends(traces, above, has_ball(above.view) is True)
+            return above, with_cut_ends(traces, above)
 
         return self._traces.get(view.cache_key, traced)

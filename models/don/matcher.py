@@ -116,7 +116,7 @@ class DonMatcher:
         return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
 
     def _traced_statistics(self, decided: Decided) -> npt.NDArray[np.float64]:
-        source, target = both_completed(self._traced(decided.source), self._traced(decided.target))
+        source, target = self._both_traced(decided.source, decided.target)
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
     def _asked(self, decided: Decided) -> Asked:
@@ -218,8 +218,7 @@ class DonMatcher:
             log_p = self._every_way(compared.log_p, source, target, uv_a_px)
             found = compared.uv_px, compared.distance, compared.query
             return Search(log_p, *found, None, self._on_one_side(compared, source, target, uv_a_px))
-        own, others = both_completed(self._traced(source), self._traced(target))
-        traced = traced_places(own, others, self._scale, uv_a_px)
+        traced = traced_places(*self._both_traced(source, target), self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
             candidates_px = uv.double().numpy() * self._views.pixel_scale(target.view)
@@ -300,6 +299,9 @@ class DonMatcher:
 
     def _traced(self, seen: Reframed) -> TracedView:
         return self.reader.traced(seen, self._scale)
+
+    def _both_traced(self, source: Reframed, target: Reframed) -> tuple[TracedView, TracedView]:
+        return both_completed(self._traced(source), self._traced(target))
 
     def decoded(self, found: Search, target: Frame) -> npt.NDArray[np.float64]:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""

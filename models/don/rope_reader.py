@@ -14,7 +14,6 @@ from pliant.baselines.tracing import (
     Reframed,
     Trace,
     border_rgb,
-    has_ball,
     rectified,
     rope_traces,
     untilted,
@@ -188,5 +187,5 @@ class RopeReader:
             return [], MaskShape(0, 0, has_ball=False)
         if self.crossings is not None:
             traces = with_overlaps(self.crossings, view, mask, traces)
-        traces = with_cut_ends(traces, seen, has_ball(view) is True)
+        traces = with_cut_ends(traces, seen)
         return traces, MaskShape.of(mask, objects)
