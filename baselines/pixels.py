@@ -78,10 +78,10 @@ def lies_on(
         bool (N,); positions outside the image are False.
     """
     height, width = mask.shape
-    inside = ((uv_px >= 0) & (uv_px < [width, height])).all(axis=1)  # NaN is nowhere
-    column, row = np.floor(uv_px[inside]).astype(np.int64).T
+    u, v = uv_px.T
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)  # NaN is nowhere
     hit = np.zeros(len(uv_px), dtype=np.bool_)
-    hit[inside] = mask[row, column]
+    hit[inside] = mask[v[inside].astype(np.int64), u[inside].astype(np.int64)]
     return hit
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from scipy import ndimage
 
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.mask_box import mask_box
 
 _THICK: Final = 1.5
 """What is this many half widths deep may be a ball: no crossing of two strands is."""
@@ -89,19 +90,35 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
         with None.
     """
     filled = without_small_holes(mask)
-    depth_px: FloatArray = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1]
+    box = mask_box(filled)
+    own = _rope_in(*(np.pad(each[box], 1) for each in (mask, filled)))
+    if own is None:
+        return mask, None
+    rope = np.zeros_like(mask)
+    rope[box] = own[1:-1, 1:-1]
+    return rope, mask & ~rope
+
+
+def _rope_in(mask: Mask, filled: Mask) -> Mask | None:
+    """Return the rope without its ball, or None where there is none.
+
+    Args:
+        mask: bool (h, w), with no pixel at the border.
+        filled: bool (h, w), the same without small holes.
+    """
+    depth_px: FloatArray = ndimage.distance_transform_edt(filled)
     ridge = (depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > 1)
     if not ridge.any():
-        return mask, None
+        return None
     half_px = float(np.median(depth_px[ridge]))
     score, part = max(_candidates(depth_px, half_px), key=itemgetter(0), default=(0.0, mask))
     if score < _LEAST_BALL:
-        return mask, None
+        return None
     ball = part & mask
     rope = _without_crumbs(mask & ~ball, ball, half_px)
     if rope.sum() < _LEAST_ROPE * (2 * half_px) ** 2:
-        return mask, None
-    return rope, mask & ~rope
+        return None
+    return rope
 
 
 def _candidates(depth_px: FloatArray, half_px: float) -> Iterator[tuple[float, Mask]]:

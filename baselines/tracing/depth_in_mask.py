@@ -6,10 +6,12 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
 
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.mask_box import mask_box
 
 MARGIN: Final = 1.15
 """`half_width_px` over the median depth in a mask."""
@@ -54,8 +56,10 @@ def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
     """
     if mask.all():  # no pixel to be far from
         return np.full(mask.shape, float(reach_px))
-    distance: FloatArray = ndimage.distance_transform_edt(mask)
-    return np.minimum(distance, reach_px)
+    depth_px = np.zeros(mask.shape)
+    box = mask_box(mask, 1)  # the nearest pixel off the mask is never farther away
+    depth_px[box] = np.minimum(ndimage.distance_transform_edt(mask[box]), reach_px)
+    return depth_px
 
 
 def half_width_px(depth_px: FloatArray) -> float:
@@ -91,18 +95,29 @@ def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:
     Returns:
         int64 (H, W); -1 where no way leads.
     """
+    return _steps_from(_neighbours(mask), mask, start)
+
+
+def _neighbours(mask: Mask) -> sparse.csr_array:
+    """Return the graph of a mask's pixels, in row-major order, (N, N); each pair stands once."""
+    number = np.pad(np.cumsum(mask).reshape(mask.shape) * mask, 1)  # from 1; 0 off the mask
+    own = number[1:-1, 1:-1]
+    pairs = []
+    for ahead in (number[1:-1, 2:], number[2:, :-2], number[2:, 1:-1], number[2:, 2:]):
+        both = (own > 0) & (ahead > 0)
+        pairs.append((own[both] - 1, ahead[both] - 1))
+    one, other = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    size = int(number.max())
+    return sparse.csr_array((np.ones(len(one)), (one, other)), shape=(size, size))
+
+
+def _steps_from(
+    neighbours: sparse.csr_array, mask: Mask, start: tuple[int, int]
+) -> npt.NDArray[np.int64]:
+    first = int(mask.ravel()[: start[0] * mask.shape[1] + start[1]].sum())
+    found = csgraph.dijkstra(neighbours, directed=False, indices=first, unweighted=True)
     steps = np.full(mask.shape, -1, dtype=np.int64)
-    front = np.zeros((mask.shape[0] + 2, mask.shape[1] + 2), dtype=np.bool_)
-    front[start[0] + 1, start[1] + 1] = True
-    steps[start] = 0
-    count = 0
-    while front.any():
-        count += 1
-        rows = front[:-2] | front[1:-1] | front[2:]
-        grown = rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
-        new = grown & mask & (steps < 0)
-        steps[new] = count
-        front[1:-1, 1:-1] = new
+    steps[mask] = np.where(np.isfinite(found), found, -1)
     return steps
 
 
@@ -112,12 +127,13 @@ def farthest_pixels(mask: Mask) -> list[tuple[int, int]]:
     Args:
         mask: bool (H, W), not empty; of several parts only the first one is looked at.
     """
-    box = ndimage.find_objects(mask.astype(np.uint8))[0]
+    box = mask_box(mask)
     mask = mask[box]
+    neighbours = _neighbours(mask)
     row, column = np.argwhere(mask)[0]
     ends = [(int(row), int(column))]
     for _ in range(3):  # the first sweep only finds an end to sweep from
-        steps = steps_along(mask, ends[-1])
+        steps = _steps_from(neighbours, mask, ends[-1])
         row, column = np.unravel_index(int(steps.argmax()), mask.shape)
         ends.append((int(row), int(column)))
     return [(row + box[0].start, column + box[1].start) for row, column in ends[2:]]

@@ -28,6 +28,7 @@ from pliant.baselines.tracing.tilt import Nadir, small_tilt
 from pliant.baselines.tracing.walk import walks
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import without_small_holes
+from pliant.spec.mask_box import mask_box
 
 Likelihood = Callable[[FloatArray], FloatArray]
 """float64 (N, 2), places in image pixels -> float64 (N, T), > 0, the likelihood of what is
@@ -157,18 +158,20 @@ def _walked(
     """Return the walks that are long enough, from each start with every setting of a walker."""
     relative = np.minimum(depth, half_px) / half_px
     settings = np.array(list(itertools.product(TRACING.walk_straightness, TRACING.walk_inertia)))
-    paths = []
-    for place, heading in starts:
-        walked = walks(relative, place, heading, settings[:, 0], settings[:, 1])
-        paths += [path for path in walked if len(path) >= TRACING.shortest_steps]
-    return paths
+    places, headings = (np.stack(each) for each in zip(*starts, strict=True))
+    walked = walks(relative, places, headings, settings[:, 0], settings[:, 1])
+    return [path for path in walked if len(path) >= TRACING.shortest_steps]
 
 
 def _opened(mask: Mask) -> Mask:
     """Remove parts thinner than five pixels from a mask, unless all of it is thinner."""
-    picture = Image.fromarray(mask).convert("L")
+    if not mask.any():
+        return mask
+    box = mask_box(mask, 8)
+    picture = Image.fromarray(mask[box]).convert("L")
     opened = picture.filter(ImageFilter.MinFilter(5)).filter(ImageFilter.MaxFilter(5))
-    thick = np.asarray(opened) > 0
+    thick = np.zeros_like(mask)
+    thick[box] = np.asarray(opened) > 0
     return thick if thick.any() else mask
 
 
@@ -219,7 +222,7 @@ def _measured(
     sparse = stations[::3]
     way = np.gradient(sparse, axis=0)
     way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
-    gap = np.linalg.norm(sparse[:, None] - sparse[None], axis=2)
+    gap = np.sqrt(sum(np.subtract.outer(axis, axis) ** 2 for axis in sparse.T))
     parallel = np.abs(way @ way.T) > 0.9
     number = np.arange(len(sparse))
     apart = np.abs(number[:, None] - number[None]) > 0.07 * len(sparse)

@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.mask_box import mask_box
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Skeleton:
             half_px: About half of a strand's width.
             most: Strands looked for; of a mask with more, one more is returned.
         """
-        box = ndimage.find_objects(mask.astype(np.uint8))[0]
+        box = mask_box(mask)
         corner = np.array([box[1].start, box[0].start], dtype=np.float64)
         scale = math.ceil(TRACING.strands_half_px / half_px)
         scale = max(1, min(scale, TRACING.strands_side_px // max(mask[box].shape)))

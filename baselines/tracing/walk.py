@@ -10,12 +10,12 @@ from pliant.spec.arrays import FloatArray
 
 def walks(
     depth: FloatArray,
-    start_px: FloatArray,
-    heading: FloatArray,
+    starts_px: FloatArray,
+    headings: FloatArray,
     straightness: FloatArray,
     inertia: FloatArray,
 ) -> list[FloatArray]:
-    """Walk from a point until the mask ends, once for each pair of walker settings.
+    """Walk until the mask ends, from each start once for each pair of walker settings.
 
     At each step a walker looks in 21 directions up to 50 degrees from its heading, takes the one
     with the deepest mask ahead, less a cost for turning, turns part of the way, steps, and moves
@@ -23,18 +23,20 @@ def walks(
 
     Args:
         depth: float64 (H, W), depth in the mask over half the rope's width, at most 1.
-        start_px: float64 (2,), where all walkers start.
-        heading: float64 (2,), unit vector.
+        starts_px: float64 (P, 2), where walkers start.
+        headings: float64 (P, 2), unit vectors.
         straightness: float64 (K,), cost of a turn in each walker: high values cross over where
             low values turn off.
         inertia: float64 (K,), share of the heading kept in a step.
 
     Returns:
-        K arrays float64 (N, 2), the places passed.
+        P K arrays float64 (N, 2), the places passed.
     """
-    count = len(straightness)
-    place = np.repeat(start_px[None], count, axis=0)
-    way = np.repeat(heading[None], count, axis=0)
+    count = len(starts_px) * len(straightness)
+    place, way = (np.repeat(each, len(straightness), axis=0) for each in (starts_px, headings))
+    straightness, inertia = (np.tile(each, len(starts_px)) for each in (straightness, inertia))
+    keep = inertia[:, None]
+    walkers = np.arange(count)
     misses = np.zeros(count, dtype=np.int64)
     walking = np.ones(count, dtype=np.bool_)
     path = np.empty((TRACING.walk_most_steps + 1, count, 2))
@@ -43,6 +45,7 @@ def walks(
     turns = np.deg2rad(np.arange(*TRACING.walk_turns_deg))
     cos, sin = np.cos(turns), np.sin(turns)
     cost = straightness[:, None] * turns**2 * TRACING.walk_turn_cost
+    look_px, look_weights = np.array(TRACING.walk_look_px), np.array(TRACING.walk_look_weights)
     across_px = np.linspace(-TRACING.walk_across_px, TRACING.walk_across_px, 7)
     framed = np.pad(depth, 2)
     for step in range(1, TRACING.walk_most_steps + 1):
@@ -53,11 +56,11 @@ def walks(
             ],
             axis=-1,
         )  # (K, 21, 2)
-        ahead = place[:, None, None] + ways[:, :, None] * np.array(TRACING.walk_look_px)[:, None]
-        gain = sampled(framed, ahead) @ np.array(TRACING.walk_look_weights) - cost
-        chosen = ways[np.arange(count), gain.argmax(axis=1)]
-        way = inertia[:, None] * way + (1 - inertia[:, None]) * chosen
-        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        ahead = place[:, None, None] + ways[:, :, None] * look_px[:, None]
+        gain = sampled(framed, ahead) @ look_weights - cost
+        chosen = ways[walkers, gain.argmax(axis=1)]
+        way = keep * way + (1 - keep) * chosen
+        way /= np.sqrt(way[:, :1] ** 2 + way[:, 1:] ** 2)
         place = place + TRACING.walk_step_px * way
         off = sampled(framed, place) < TRACING.walk_least_depth
         misses = np.where(off, misses + 1, 0)
@@ -85,14 +88,13 @@ def sampled(framed: FloatArray, uv_px: FloatArray) -> FloatArray:
         float64 (...).
     """
     height, width = framed.shape
-    place = uv_px - 0.5
-    corner = np.floor(place)
-    share = place - corner
-    right, down = share[..., 0], share[..., 1]
+    u, v = uv_px[..., 0] - 0.5, uv_px[..., 1] - 0.5
+    first_u, first_v = np.floor(u), np.floor(v)
+    right, down = u - first_u, v - first_v
     left, up = 1 - right, 1 - down
-    column = corner[..., 0].clip(-2, width - 4).astype(np.int64) + 2
-    row = corner[..., 1].clip(-2, height - 4).astype(np.int64) + 2
-    values, at = framed.ravel(), row * width + column
-    total = left * up * values[at] + right * up * values[at + 1]
-    total += left * down * values[at + width]
-    return np.asarray(total + right * down * values[at + width + 1])
+    column = np.minimum(np.maximum(first_u, -2), width - 4)
+    row = np.minimum(np.maximum(first_v, -2), height - 4)
+    values, at = framed.ravel(), (row * width + column).astype(np.int64) + (2 * width + 2)
+    total = left * up * values.take(at) + right * up * values.take(at + 1)
+    total += left * down * values.take(at + width)
+    return np.asarray(total + right * down * values.take(at + (width + 1)))

@@ -11,11 +11,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.tracing import Trace, overlap, self_crossings
-from pliant.models.networks.crossing_network import (
-    CrossingNetwork,
-    CrossingPatches,
-    crossing_patches,
-)
+from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
 from pliant.spec.frame import Frame
 
 CROSSINGS: Final = "crossings.safetensors"
@@ -44,7 +40,6 @@ def with_overlaps(
     picture = view.rgb.astype(np.float32) / 255
     factor = picture.shape[1] / mask.shape[1]
     area_px2 = float(mask.sum()) * factor**2
-    parts: list[CrossingPatches] = []
     found = []
     for trace in traces:
         stations = len(trace.uv_px)
@@ -53,14 +48,17 @@ def with_overlaps(
         if len(met) > _MOST_CROSSINGS:
             met = []
         found.append((half_px, met))
-        if met:
-            place = np.stack([each.place_px for each in met])
-            ways = np.stack([each.ways for each in met])
-            parts.append(crossing_patches(picture, place, ways, half_px))
-    if not parts:
+    every = [(half_px, crossing) for half_px, met in found for crossing in met]
+    if not every:
         return list(traces)
+    patches = crossing_patches(
+        picture,
+        np.stack([crossing.place_px for _, crossing in every]),
+        np.stack([crossing.ways for _, crossing in every]),
+        np.array([half_px for half_px, _ in every]),
+    )
     with torch.inference_mode():
-        odds = iter(network(CrossingPatches.joined(parts)).tolist())
+        odds = iter(network(patches).tolist())
     known = []
     for trace, (half_px, met) in zip(traces, found, strict=True):
         spacing_px = trace.length_px / (len(trace.uv_px) - 1)

@@ -13,6 +13,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.png import png_remarks, read_mask, read_rgb
 from pliant.spec.io.reading import read_bytes
+from pliant.spec.mask_box import mask_box
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
@@ -57,12 +58,8 @@ class ShownSurface:
         Returns:
             Pixels, from the outer edge of the first pixel to that of the last.
         """
-        mask = self.of_object(object_id)
-        rows = np.flatnonzero(mask.any(axis=1))
-        if rows.size == 0:
-            return 0.0
-        columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-        return float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)
+        box = mask_box(self.of_object(object_id))
+        return float(max(side.stop - side.start for side in box))
 
 
 def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray[np.uint8] | None:

@@ -60,6 +60,16 @@ def test_depth_in_a_mask_by_brute_force() -> None:
     np.testing.assert_allclose(depth_in_mask(mask), np.minimum(expected, 16))
 
 
+@pytest.mark.parametrize("at", [(0, 0), (7, 9), (20, 28)])
+def test_depth_is_that_in_the_whole_picture(at: tuple[int, int]) -> None:
+    mask = np.zeros((36, 48), dtype=np.bool_)
+    mask[at[0] : at[0] + 16, at[1] : at[1] + 20] = np.random.default_rng(1).random((16, 20)) < 0.9
+    rows, columns = np.indices(mask.shape)
+    off = np.argwhere(~mask)
+    gap_px = np.hypot(rows[..., None] - off[:, 0], columns[..., None] - off[:, 1])
+    np.testing.assert_array_equal(depth_in_mask(mask, 48), gap_px.min(axis=-1))
+
+
 def test_steps_follow_the_mask() -> None:
     """A U: the two tips are near in the image and far along it."""
     mask = np.zeros((6, 5), bool)
