@@ -24,6 +24,9 @@ from pliant.spec.text import plural
     help="Keep this split's answers out of the public half (may be repeated).",
 )
 @path_option("--private", "DIR3", "Private half.  [default: DIR2-private]")
+@path_option(
+    "--truth", "DIR4", "Answers of imported pictures, from `pliant import`.  [default: DIR-truth]"
+)
 @click.option("--shard-size", default="500MB", show_default=True, help="Approximate shard size.")
 @click.option(
     "--answers-are-public",
@@ -41,6 +44,7 @@ def command(
     folder: Path,
     out: Path,
     private: Path | None,
+    truth: Path | None,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -61,6 +65,7 @@ def command(
             out,
             settings,
             private=private,
+            truth=truth,
             progress=lambda what, done, total: bar(done, total, title=what),
         )
     if as_json:

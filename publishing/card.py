@@ -48,6 +48,7 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
         info={**info, "id": dataset.id, "version": dataset.version},
         kinds=" and ".join(sorted({tier.kind for tier in dataset.tiers.values()})),
         size=dataset.size,
+        recorded=_is_recorded(dataset),
         pictures=_draw(dataset, root),
         tiers=_tiers(dataset),
         held_out=list(dataset.held_out),
@@ -61,6 +62,17 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
         authors=authors,
     )
     (root / "README.md").write_bytes(text.encode("utf-8"))
+
+
+def _is_recorded(dataset: Dataset) -> bool:
+    """Return whether people marked its points: the material of its tiers is unknown."""
+    axes = [
+        axis.name
+        for tier in dataset.tiers.values()
+        for each in tier.objects
+        for axis in each.material
+    ]
+    return "unknown" in axes
 
 
 def _draw(dataset: Dataset, root: Path) -> list[tuple[str, str]]:
@@ -139,8 +151,10 @@ def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
         "pairs": hub_features(pairs.SCHEMA),
     }
     shown = {name: shown[name] for name in shown if (root / name).is_dir()}
+    licence = str(dataset.info["licence"]).lower()
+    listed = licence_url(dataset.info["licence"]) is not None
     return {
-        "license": str(dataset.info["licence"]).lower(),
+        **({"license": licence} if listed else {"license": "other", "license_name": licence}),
         "pretty_name": dataset.info["title"],
         "task_categories": ["keypoint-detection", "image-feature-extraction"],
         "tags": ["pliant", "dense correspondence", "deformable objects", "rope", "cloth"],

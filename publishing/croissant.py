@@ -53,7 +53,7 @@ def write_croissant(
         "alternateName": info["title"],
         "description": info["description"] or info["title"],
         "version": dataset.version,
-        "license": licence_url(info["licence"]),
+        "license": licence_url(info["licence"]) or info["licence"],
         "creator": [{"@type": "sc:Organization", "name": author} for author in authors],
         "citeAs": f"{', '.join(authors)}: {info['title']}, version {dataset.version}",
         "keywords": ["dense correspondence", "deformable objects", *dataset.tiers],

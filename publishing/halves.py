@@ -6,7 +6,7 @@ import hashlib
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from pliant.evaluator.report.pages import render_page
 from pliant.publishing.card import write_card
@@ -38,6 +38,10 @@ StageProgress = Callable[[str, int, int], None]
 _page = partial(render_page, package="pliant.publishing")
 
 _TOP: tuple[str, ...] = (layout.DATASET_JSON, layout.SEQUENCES_TABLE)
+_RECORDED: tuple[str, ...] = tuple(
+    f"{PurePosixPath(name(0)).parent}/"
+    for name in (layout.rgb_name, layout.mask_name, layout.camera_depth_name)
+)
 
 
 class _VerifiedFiles(Mapping[str, bytes]):
@@ -126,10 +130,9 @@ def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderT
     own = _VerifiedFiles(sequence)
     files: Mapping[str, bytes]
     if sequence.split in hold_out:
-        names = [layout.rgb_name(frame) for frame in range(sequence.frames)]
-        pictures = {name: picture_alone(own[name], str(sequence.dir / name)) for name in names}
-        public = {**public_document(sequence.info, held_out=True), "files": listed(pictures)}
-        files = {**pictures, layout.SEQUENCE_JSON: json_bytes(public, "sequence")}
+        shown = {name: _shown(own[name], sequence.dir / name) for name in own if _is_shown(name)}
+        public = {**public_document(sequence.info, held_out=True), "files": listed(shown)}
+        files = {**shown, layout.SEQUENCE_JSON: json_bytes(public, "sequence")}
     else:
         document = (sequence.dir / layout.SEQUENCE_JSON).read_bytes()
         if hold_out:
@@ -144,6 +147,15 @@ def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderT
         files=files,
         sizes={name: size for name, size in own.sizes.items() if name in files},
     )
+
+
+def _is_shown(name: str) -> bool:
+    """Return whether a file of a held-out sequence is public: what a camera recorded is."""
+    return name.startswith(_RECORDED)
+
+
+def _shown(data: bytes, path: Path) -> bytes:
+    return picture_alone(data, str(path)) if path.suffix == ".png" else data
 
 
 def write_private(
@@ -169,7 +181,7 @@ def write_private(
         folder.mkdir(parents=True)
         files = _VerifiedFiles(sequence)
         for name in files:
-            if not name.startswith("rgb/"):
+            if not _is_shown(name):
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(files[name])
         shutil.copyfile(sequence.dir / layout.SEQUENCE_JSON, folder / layout.SEQUENCE_JSON)

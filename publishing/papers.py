@@ -8,8 +8,14 @@ from typing import Any
 import yaml
 
 
-def licence_url(licence: str) -> str:
-    """Return where the text of a licence stands, by its SPDX identifier."""
+def licence_url(licence: str) -> str | None:
+    """Return where the text of a licence stands, None for one that SPDX does not list.
+
+    Args:
+        licence: SPDX identifier; `LicenseRef-` begins those of licences off its list.
+    """
+    if licence.startswith("LicenseRef-"):
+        return None
     return f"https://spdx.org/licenses/{licence}.html"
 
 
@@ -32,8 +38,9 @@ def citation(
         "version": info["version"],
         "abstract": info["description"],
         "authors": [{"name": author} for author in authors],
-        "license": info["licence"],
     }
+    if licence_url(info["licence"]) is not None:
+        document["license"] = info["licence"]
     if url is not None:
         document["url"] = url
     if date is not None:
@@ -59,9 +66,10 @@ def zenodo(
         "description": info["description"] or info["title"],
         "creators": [{"name": author} for author in authors],
         "access_right": "open",
-        "license": str(info["licence"]).lower(),
         "keywords": ["dense correspondence", "deformable objects", "rope", "cloth"],
     }
+    if licence_url(info["licence"]) is not None:
+        document["license"] = str(info["licence"]).lower()
     if date is not None:
         document["publication_date"] = date
     if url is not None and url.startswith("https://"):

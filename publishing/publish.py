@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pliant.publishing.halves import StageProgress, write_private, write_public
 from pliant.publishing.held_out import scores_reveal, shown_answers
+from pliant.publishing.papers import licence_url
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
@@ -67,6 +68,7 @@ def publish(
     settings: PublishSettings | None = None,
     *,
     private: Path | None = None,
+    truth: Path | None = None,
     progress: StageProgress | None = None,
 ) -> Published:
     """Publish a dataset.
@@ -76,6 +78,8 @@ def publish(
         out: The public half; a new or empty folder.
         settings: How; None holds nothing out.
         private: The private half; None takes the public one's name with `-private` behind.
+        truth: Of imported pictures, the folder with the answers that `pliant import` wrote; None
+            takes the dataset's name with `-truth` behind.
         progress: Called after each sequence.
 
     Returns:
@@ -87,7 +91,7 @@ def publish(
         SpecError: The dataset is damaged, or contains links.
     """
     settings = settings or PublishSettings()
-    dataset = _open(source, settings)
+    dataset = _open(source, settings, truth or source.with_name(f"{source.name}-truth"))
     out = out.absolute()
     private = None if not settings.hold_out else (private or out.with_name(f"{out.name}-private"))
     if private is not None and not is_left_alone(private.absolute(), out):
@@ -121,7 +125,7 @@ def publish(
         )
 
 
-def _open(source: Path, settings: PublishSettings) -> Dataset:
+def _open(source: Path, settings: PublishSettings, truth: Path) -> Dataset:
     dataset = Dataset.open(source)
     if not (source / layout.SEQUENCES_DIR).is_dir():
         raise CallError(
@@ -130,14 +134,22 @@ def _open(source: Path, settings: PublishSettings) -> Dataset:
             required=f"a folder with {layout.SEQUENCES_DIR}/",
             fix="Publish the folder that `pliant generate` wrote.",
         )
-    if dataset.held_out:
-        raise CallError(
-            "only a dataset with its answers can be published",
-            path=source,
-            found=f"held_out {dataset.held_out}: imported pictures, or a public half already",
-            fix="Share the folder of imported pictures as it is: their answers are in another "
-            "folder. Instead of a public half, publish the dataset that it was made of.",
-        )
+    for split in dataset.held_out:  # imported pictures: their answers are in another folder
+        if split not in settings.hold_out:
+            raise CallError(
+                f"the answers of split {split!r} are not in the dataset and stay held out",
+                path=source,
+                required=f"--hold-out {split}",
+            )
+        answers = truth / f"{split}.parquet"
+        if not answers.is_file():
+            raise CallError(
+                "only a dataset with its answers can be published",
+                path=answers,
+                found="no such file",
+                fix="Name the folder with the answers of imported pictures: --truth DIR4.",
+            )
+        dataset = dataset.with_truth(answers)
     for split in settings.hold_out:
         for name in (layout.queries_name(split), layout.truth_name(split)):
             if not dataset.has(name):
@@ -187,6 +199,12 @@ def _check_contents(source: Path, progress: StageProgress) -> None:
 
 def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
     warnings = []
+    licence = dataset.info["licence"]
+    if licence_url(licence) is None and not (dataset.root / "LICENSE").is_file():
+        warnings.append(
+            f"the licence is {licence}, and without terms nobody may use the data: put them into "
+            f"{dataset.root / 'LICENSE'}, or name a licence of the SPDX list"
+        )
     weakness = seed_weakness(dataset.info, dataset.root) if settings.hold_out else None
     if weakness is not None:
         if not settings.answers_are_public:

@@ -82,7 +82,7 @@ def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None
             "a challenge needs the private half of a published dataset",
             path=private,
             required=f"a folder with a {layout.MANIFEST_JSON}, as `pliant publish` writes it",
-            fix="Publish the dataset with --hold-out. Imported pictures cannot be a challenge.",
+            fix="Publish the dataset with --hold-out.",
         )
     dataset.with_private(private)
     for split in sorted(splits - set(dataset.held_out)):

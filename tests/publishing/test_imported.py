@@ -1,0 +1,111 @@
+"""Imported pictures with their answers held out, published and scored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pliant.cli.main import run
+from pliant.service.challenge import Challenge
+from pliant.spec.dataset import Dataset
+from pliant.spec.validation.validate import validate
+
+PLACES = {"a": (10.5, 12.5), "b": (40.5, 20.5), "c": (30.5, 33.5)}
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three pictures of which each has the same three points, one pixel further right."""
+    root = tmp_path_factory.mktemp("marked")
+    pictures, masks = root / "pictures", root / "masks"
+    pictures.mkdir()
+    masks.mkdir()
+    rows = ["picture,point,x,y,visible"]
+    for number in range(3):
+        name = f"{number}.png"
+        rng = np.random.default_rng(number)
+        Image.fromarray(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8)).save(pictures / name)
+        mask = np.zeros((48, 64), np.uint8)
+        mask[8:40, 6:56] = 255
+        Image.fromarray(mask).save(masks / name)
+        rows += [f"{name},{point},{u + number},{v},1" for point, (u, v) in PLACES.items()]
+    (pictures / "annotations.csv").write_text("\n".join(rows))
+    out = root / "marked"
+    options = ["--kind", "cloth", "--masks", str(masks)]
+    assert run(["import", str(pictures), "--out", str(out), *options]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def published(imported: Path) -> Path:
+    out = imported.with_name("public")
+    assert run(["publish", str(imported), "--out", str(out), "--hold-out", "test"]) == 0
+    return out
+
+
+def test_public_half_has_pictures_and_masks_and_no_answer(imported: Path, published: Path) -> None:
+    assert not validate(published).issues
+    public, own = Dataset.open(published), Dataset.open(imported)
+    for frame, before in zip(public.frames(), own.frames(), strict=True):
+        np.testing.assert_array_equal(frame.rgb, before.rgb)
+        assert frame.mask is not None
+        np.testing.assert_array_equal(frame.mask, np.asarray(before.mask))
+    assert not public.has("truth/test.parquet")
+
+
+def test_both_halves_make_a_challenge(published: Path, tmp_path: Path) -> None:
+    private = published.with_name("public-private")
+    arguments = ["--data", str(published), "--private", str(private)]
+    assert run(["challenge", "create", str(tmp_path / "challenge"), *arguments]) == 0
+    challenge = Challenge.open(tmp_path / "challenge")
+    assert [phase.split for phase in challenge.settings.phases] == ["test"]
+
+
+def test_scores_by_the_private_half_are_those_by_the_imported_answers(
+    imported: Path, published: Path, tmp_path: Path
+) -> None:
+    answers = tmp_path / "identity.parquet"
+    assert run(["predict", "identity", "--data", str(published), "--out", str(answers)]) == 0
+    scores = []
+    for data, truth in (
+        (published, published.with_name("public-private")),
+        (imported, imported.with_name("marked-truth") / "test.parquet"),
+    ):
+        out = tmp_path / data.name
+        arguments = ["--data", str(data), "--truth", str(truth), "--out", str(out)]
+        assert run(["evaluate", str(answers), *arguments]) == 0
+        scores.append((out / "per_pair.parquet").read_bytes())
+    assert scores[0] == scores[1]
+
+
+def test_the_papers_say_what_is_known(published: Path) -> None:
+    card = (published / "README.md").read_text()
+    front = yaml.safe_load(card.split("---\n")[1])
+    assert (front["license"], front["license_name"]) == ("other", "licenseref-unknown")
+    assert "people marked the points" in card
+    assert "spdx.org" not in card + (published / "LICENSE").read_text()
+    assert "license" not in yaml.safe_load((published / "CITATION.cff").read_text())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "required: --hold-out test"),
+        (["--hold-out", "test", "--truth", "elsewhere"], "--truth DIR4"),
+    ],
+)
+def test_refusals(
+    imported: Path,
+    tmp_path: Path,
+    options: list[str],
+    words: str,
+    capsys: pytest.CaptureFixture[Any],
+) -> None:
+    assert run(["publish", str(imported), "--out", str(tmp_path / "out"), *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
