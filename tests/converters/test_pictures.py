@@ -77,16 +77,6 @@ def test_pictures_of_three_sizes_share_a_canvas(photos: Path, tmp_path: Path) ->
     assert config["pictures"][1] == {"name": "b.tif", "size": [20, 30], "placed": [20, 30]}
 
 
-def test_publish_says_what_to_do_with_an_import(
-    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    imported(photos, tmp_path / "out")
-    assert run(["publish", str(tmp_path / "out"), "--out", str(tmp_path / "public")]) == 2
-    said = capsys.readouterr().err
-    assert "found held_out ['test']: imported pictures, or a public half" in said
-    assert "Share the folder of imported pictures as it is" in said
-
-
 def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
     """By hand at 20 x 15: factors 1/2; 1/2 (20 x 30 becomes 10 x 15); 1/4 (80 x 20 is 20 x 5)."""
     dataset = imported(photos, tmp_path / "out", "--size", "20x15")
