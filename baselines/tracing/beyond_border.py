@@ -51,10 +51,9 @@ def completed(
     """
     if not source or not target:
         return source, target
-    widths = [best.length_px / best.half_px for best in (source[0], target[0])]
     return (
-        [_continued(trace, widths[1] * trace.half_px) for trace in source],
-        [_continued(trace, widths[0] * trace.half_px) for trace in target],
+        [_continued(trace, target[0]) for trace in source],
+        [_continued(trace, source[0]) for trace in target],
     )
 
 
@@ -76,10 +75,14 @@ def cut_remarks(source: Sequence[Trace], target: Sequence[Trace]) -> list[str]:
     ]
 
 
-def _continued(trace: Trace, length_px: float) -> Trace:
-    """Return a trace with one end cut that goes on there up to a length; others come back."""
+def _continued(trace: Trace, other: Trace) -> Trace:
+    """Return a trace with one end cut that goes on there for as long as another; others come back.
+
+    Where the other one is cut too, it must be at the same end: if not, its length says nothing.
+    """
+    length_px = other.length_px / other.half_px * trace.half_px
     missing_px = length_px - trace.length_px
-    if sum(trace.cut) != 1 or missing_px <= 0:
+    if sum(trace.cut) != 1 or (any(other.cut) and other.cut != trace.cut) or missing_px <= 0:
         return trace
     count = len(trace.uv_px)
     line = trace.uv_px if trace.cut[1] else trace.uv_px[::-1]

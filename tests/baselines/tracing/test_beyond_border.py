@@ -73,3 +73,12 @@ def test_other_traces_stay_as_they_are() -> None:
     for short in (line(90.0), line(90.0, cut=(True, True)), line(101.0, cut=(False, True))):
         assert completed([whole], [short]) == ([whole], [short])
     assert completed([], [whole]) == ([], [whole])
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_of_two_cut_ropes_one_goes_on_only_at_the_end_that_the_other_lacks_too(first: bool) -> None:
+    short = line(80.0, cut=(True, False))
+    long = line(100.0, cut=(first, not first))
+    same, (longer,) = completed([long], [short])
+    assert same == [long]
+    assert longer.length_px == pytest.approx(100 if first else 80)
