@@ -1,4 +1,4 @@
-"""The pair table, groups of pairs, listed figures, and blocks that are read from a small truth."""
+"""Blocks that are read from a small truth, and what is refused of a truth."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.evaluator.metrics import blocks
-from pliant.evaluator.metrics.base import Groups, Metric, Summary
+from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.metrics.blocks import check_truth, read_blocks
-from pliant.evaluator.metrics.causes import Causes, cause_rows
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SpecError
@@ -127,65 +126,3 @@ def test_a_truth_of_something_else_is_refused(wrong: str, tmp_path: Path) -> Non
         check_truth(path, **right | {wrong: "f" * 64})
     with pytest.raises(SpecError, match="is not here"):
         check_truth(tmp_path, **right)
-
-
-def test_shares_of_causes() -> None:
-    names = (
-        "imprecision", "flip", "off_object", "layer", "across", "along", "missing", "hidden",
-    )  # fmt: skip
-    sums = {f"cause_{name}_{key}": 0.0 for name in names for key in ("answers", "px2")}
-    sums |= {"cause_flip_answers": 3, "cause_flip_px2": 48, "cause_along_answers": 1}
-    sums |= {"cause_along_px2": 16, "cause_hidden_answers": 4, "cause_hidden_px2": 400}
-    rows = cause_rows(sums)
-    assert rows["flip"] == {
-        "answers": 3, "answers_share": 0.75, "squared_error_share": 0.75, "rmse_px": 4,
-    }  # fmt: skip
-    assert rows["along"]["squared_error_share"] == 0.25
-    assert rows["layer"] == {
-        "answers": 0, "answers_share": 0, "squared_error_share": 0, "rmse_px": None,
-    }  # fmt: skip
-    assert rows["hidden"] == {
-        "answers": 4, "answers_share": None, "squared_error_share": None, "rmse_px": 10,
-    }  # fmt: skip
-    perfect = cause_rows(sums | {"cause_flip_px2": 0, "cause_along_px2": 0})
-    assert perfect["flip"] == {
-        "answers": 3, "answers_share": 0.75, "squared_error_share": None, "rmse_px": 0,
-    }  # fmt: skip
-    none = cause_rows(sums | {"cause_flip_answers": 0, "cause_along_answers": 0})
-    assert none["flip"]["answers_share"] is None
-
-
-@pytest.mark.parametrize(
-    ("counted", "known", "left_out"),
-    [
-        ([2, 1, 0], [2, 1, 0], ""),
-        ([2, 1, 3], [2, 0, 0], "2 of 3 pairs"),
-        ([2, 0, 0], [0, 0, 0], None),
-    ],
-)
-def test_pairs_without_causes_are_said(
-    counted: list[int], known: list[int], left_out: str | None
-) -> None:
-    queries = split([1, 1, 1], tiers=["x", "y"], tier=[0, 0, 1])
-    made = Split(queries, off_by(0, 0, 0))
-    metric = Causes.__new__(Causes)
-    metric.table = made.context.table
-    everything = slice(0, 3)
-    metric.table.put("counted", everything, np.array(counted))
-    metric.table.put("causes_known", everything, np.array(known))
-    from pliant.evaluator.metrics.causes import CAUSES
-
-    for cause in CAUSES:
-        for key in ("answers", "px2"):
-            metric.table.put(f"cause_{cause.name}_{key}", everything, np.array([1, 2, 4]))
-    summary = Summary()
-    metric.finish(Groups.of(queries, queries.starts), summary)
-    if left_out is None:
-        assert not summary.causes
-        assert not summary.notes
-        return
-    assert {name: rows["flip"]["answers"] for name, rows in summary.causes.items()} == {
-        "overall": 7, "x": 3, "y": 4,
-    }  # fmt: skip
-    assert summary.notes.get("causes", "").startswith(left_out)
-    assert bool(left_out) == ("causes" in summary.notes)

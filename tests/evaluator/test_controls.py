@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from pliant.evaluator.controls import Controls
-from pliant.evaluator.metrics.blocks import VISIBLE, Block
+from tests.evaluator.hand_made import Split, split
 
 # Two pairs. Pair 0: three visible points on a line, 10 px apart, and a hidden one. Pair 1: one
 # point. All of them move by (3, 4) from the source to the target, so `identity` errs by 5 px.
 TRUE = np.array([[10, 20], [20, 20], [30, 20], [500, 500], [7, 8]], float)
 
 
-def said(error_px: float, *, moved: tuple[float, float] = (3, 4), method: str = "sift") -> Any:
-    block = Block(
-        first_row=0,
-        first_pair=0,
-        starts=np.array([0, 4, 5]),
-        true_px=TRUE,
-        state=np.array([VISIBLE, VISIBLE, VISIBLE, VISIBLE + 1, VISIBLE], np.uint8),
-        answer_px=TRUE + np.array([error_px, 0]),
-        missing=None,
-        missing_px=1000.0,
-        uv_a_px=TRUE - moved,
-    )
+def said(
+    error_px: float, *, moved: tuple[float, float] = (3, 4), method: str = "sift"
+) -> str | None:
+    made = Split(split([4, 1]), TRUE + np.array([error_px, 0]), TRUE, hidden=[3], uv_a_px=TRUE - moved)
     controls = Controls(5)
-    controls.update(block)
+    controls.update(made.block(0, 2))
     return controls.sentence(method)
 
 
@@ -38,7 +28,7 @@ def test_a_better_method_gets_no_note() -> None:
 
 
 def test_standing_still_is_named_with_its_errors() -> None:
-    sentence = said(8.0)
+    sentence = said(8.0) or ""
     assert "the control `identity` is better (RMSE 5 px against 8 px, median error 5 px" in sentence
     assert "standing still" in sentence
     assert "centroid" not in sentence
@@ -51,7 +41,7 @@ def test_standing_still_is_named_with_its_errors() -> None:
     ("random", f"RMSE {np.sqrt(2200 / 4):.3g} px against 40 px, median error 15 px"),
 ])  # fmt: skip
 def test_places_on_the_object_are_compared(control: str, errors: str) -> None:
-    sentence = said(40.0, moved=(300, 400))
+    sentence = said(40.0, moved=(300, 400)) or ""
     assert f"the control `{control}` is better ({errors}" in sentence
     assert "identity" not in sentence
 

@@ -12,6 +12,7 @@ from pliant.evaluator.metrics import calibration, distribution, mixtures
 from pliant.evaluator.metrics.distribution import (
     Distribution,
     DistributionSettings,
+    answered_mixtures,
 )
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.metrics.orbit import Orbit, OrbitSettings
@@ -196,6 +197,28 @@ def test_the_probability_at_several_partners() -> None:
     assert made.column("orbit_own_mass")[0] == pytest.approx(0.5 * held)
     assert made.column("orbit_partner_mass")[0] == pytest.approx(0.15 * held)
     assert made.column("orbit_least_mass")[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_distributions_of_some_answers() -> None:
+    uv_px = np.arange(10.0).reshape(5, 2)
+    chosen = np.array([0, 2])  # of the second pair
+    sigma = Split(split([2, 3]), uv_px, answers={"sigma_px": np.array([9.0, 9, 0.2, 9, 3])})
+    found = answered_mixtures(sigma.context.answers, sigma.block(1, 2), chosen, 0.5)
+    np.testing.assert_array_equal(found.uv_px, [[4, 5], [8, 9]])
+    np.testing.assert_array_equal(found.sigma_px, [0.5, 3])
+    np.testing.assert_array_equal(found.weight, [1, 1])
+    modes = np.array([[1, 2, 0.1, 3], [3, 4, 2, 1], [5, 6, 7, 0.5], [8, 9, 4, 2]], float)
+    answers = {
+        "modes": modes, "mode_begin": np.array([3, 3, 0, 2, 3]),
+        "mode_count": np.array([1, 1, 2, 1, 1]),
+    }  # fmt: skip
+    several = Split(split([2, 3]), uv_px, answers=answers)
+    found = answered_mixtures(several.context.answers, several.block(1, 2), chosen, 0.5)
+    np.testing.assert_array_equal(found.row, [0, 0, 1])
+    np.testing.assert_array_equal(found.uv_px, [[1, 2], [3, 4], [8, 9]])
+    np.testing.assert_array_equal(found.sigma_px, [0.5, 2, 4])
+    np.testing.assert_array_equal(found.weight, [0.75, 0.25, 1])
+    assert found.rows == 2
 
 
 def test_bins_of_confidence_take_their_upper_edge() -> None:
