@@ -18,7 +18,7 @@ from PIL import Image
 from pliant.loaders.mask_damage import damaged, faulty
 from pliant.loaders.recolouring import recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import FloatArray, IndexArray, Mask, RealArray, Rgb
 from pliant.spec.calls import check_type
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Share
@@ -81,7 +81,7 @@ def check_augmentation(augmentation: object) -> None:
 
 def rotation_about_centre(
     size: tuple[int, int], angle_rad: float, scale: float = 1.0
-) -> npt.NDArray[np.float64]:
+) -> FloatArray:
     """Return the map of pixel coordinates that turns an image about its centre.
 
     Args:
@@ -100,13 +100,13 @@ def rotation_about_centre(
 
 def placement_in_image(
     rng: np.random.Generator,
-    points_px: npt.NDArray[np.floating[Any]],
+    points_px: RealArray,
     size: tuple[int, int],
     angle_rad: float,
     scale: float,
     margin_px: float,
-    first: npt.NDArray[np.float64] | None = None,
-) -> npt.NDArray[np.float64]:
+    first: FloatArray | None = None,
+) -> FloatArray:
     """Return a map that turns points about their middle and lays them anywhere in the image.
 
     A rope across a wide image, turned upright about the image's centre, would lose both ends
@@ -137,7 +137,7 @@ def placement_in_image(
     return np.column_stack([factor * turn, middle - factor * (low + high) / 2])
 
 
-def warp_view(view: TrainingFrame, affine: npt.NDArray[np.float64]) -> TrainingFrame:
+def warp_view(view: TrainingFrame, affine: FloatArray) -> TrainingFrame:
     """Return a frame moved by an affine map of its pixel coordinates.
 
     The image is interpolated bilinearly, mask and depth take the nearest pixel, the points
@@ -180,14 +180,14 @@ def warp_view(view: TrainingFrame, affine: npt.NDArray[np.float64]) -> TrainingF
     )
 
 
-def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _inverse(affine: FloatArray) -> FloatArray:
     """Return the inverse map, float64 (2, 3), in closed form."""
     (a, b, _), (c, d, _) = affine
     linear = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     return np.column_stack([linear, -linear @ affine[:, 2]])
 
 
-def symmetry_in_image(symmetry: Symmetry) -> npt.NDArray[np.float64]:
+def symmetry_in_image(symmetry: Symmetry) -> FloatArray:
     """Return how an upright cloth moves in the image where a symmetry moves its material.
 
     Upright is with the first material coordinate to the right and the second one up, as
@@ -203,7 +203,7 @@ def symmetry_in_image(symmetry: Symmetry) -> npt.NDArray[np.float64]:
     return up @ np.array(symmetry.matrix, float) @ up
 
 
-def renamed(view: TrainingFrame, partners: npt.NDArray[np.integer[Any]]) -> TrainingFrame:
+def renamed(view: TrainingFrame, partners: IndexArray) -> TrainingFrame:
     """Return a frame in which each surface point has the name of its partner.
 
     Args:
@@ -218,8 +218,8 @@ def draw_placement(
     rng: np.random.Generator,
     views: Sequence[TrainingFrame],
     settings: AugmentSettings,
-    first: npt.NDArray[np.float64] | None = None,
-) -> npt.NDArray[np.float64] | None:
+    first: FloatArray | None = None,
+) -> FloatArray | None:
     """Draw one map of pixel coordinates for all of some frames.
 
     Args:
@@ -247,7 +247,7 @@ def augment(
     rng: np.random.Generator,
     view: TrainingFrame,
     settings: AugmentSettings,
-    affine: npt.NDArray[np.float64] | None,
+    affine: FloatArray | None,
 ) -> TrainingFrame:
     """Return a randomly changed frame, its truth changed along.
 
@@ -294,10 +294,10 @@ def given_masks(
 
 def given_picture(
     rng: np.random.Generator,
-    rgb: npt.NDArray[np.uint8],
+    rgb: Rgb,
     mask: Mask | None,
     settings: AugmentSettings,
-) -> npt.NDArray[np.uint8]:
+) -> Rgb:
     """Return the picture that the network is given in a training step.
 
     Args:

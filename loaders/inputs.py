@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import BoolArray, Float32Array, Mask, Rgb
 from pliant.spec.errors import CallError
 
 InputKind = Literal["rgb", "grey", "contrast", "depth"]
@@ -76,11 +75,11 @@ class NetworkInput:
 
     def image(
         self,
-        rgb: npt.NDArray[np.uint8] | None,
-        depth_m: npt.NDArray[np.float32] | None,
-        mask: npt.NDArray[np.bool_] | None = None,
-        objects: npt.NDArray[np.bool_] | None = None,
-    ) -> npt.NDArray[np.float32]:
+        rgb: Rgb | None,
+        depth_m: Float32Array | None,
+        mask: BoolArray | None = None,
+        objects: BoolArray | None = None,
+    ) -> Float32Array:
         """Return a frame's channels.
 
         A colour or grey value becomes (value / 255 - 0.5) * 4, about zero mean and unit spread.
@@ -120,16 +119,14 @@ class NetworkInput:
         return np.concatenate(planes)
 
 
-def _depth_plane(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _depth_plane(depth_m: Float32Array) -> Float32Array:
     finite = np.isfinite(depth_m)
     middle = float(np.median(depth_m[finite])) if finite.any() else 0.0
     scaled = np.where(finite, (depth_m - middle) / DEPTH_SCALE_M, _DEPTH_LIMIT)
     return np.clip(scaled, -_DEPTH_LIMIT, _DEPTH_LIMIT).astype(np.float32)
 
 
-def _mask_plane(
-    mask: npt.NDArray[np.bool_] | None, shape: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
+def _mask_plane(mask: BoolArray | None, shape: tuple[int, ...]) -> Float32Array:
     if mask is None:
         return np.zeros(shape, dtype=np.float32)
     return np.where(mask, np.float32(1), np.float32(-1))
@@ -150,7 +147,7 @@ _OTHER_COLOUR: Final = 0.15
 _DARK: Final = 10.0  # added to m: the chromaticity of dark pixels is noise
 
 
-def contrast_weights(rgb: npt.NDArray[np.uint8], mask: Mask | None) -> npt.NDArray[np.float32]:
+def contrast_weights(rgb: Rgb, mask: Mask | None) -> Float32Array:
     """Return the weights of red, green and blue that tell the colours of an object apart.
 
     Colours of the same luminance are one grey: a stripe of such a colour is lost, and with it what
@@ -184,10 +181,10 @@ def contrast_weights(rgb: npt.NDArray[np.uint8], mask: Mask | None) -> npt.NDArr
     if differ.sum() < _LEAST_PAIRS:
         return LUMA
     gaps = np.abs((one - other)[differ] @ _WEIGHTS.T)  # (pairs, weights)
-    best: npt.NDArray[np.float32] = _WEIGHTS[np.minimum(gaps, _ENOUGH).sum(axis=0).argmax()]
+    best: Float32Array = _WEIGHTS[np.minimum(gaps, _ENOUGH).sum(axis=0).argmax()]
     return best
 
 
-def _chromaticity(colours: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _chromaticity(colours: Float32Array) -> Float32Array:
     mean = colours.mean(axis=1, keepdims=True)
     return (colours - mean) / (mean + np.float32(_DARK))

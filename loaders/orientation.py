@@ -6,11 +6,12 @@ has an angle about the rope, the angle's sine tells left from right of the centr
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import Float32Array, FloatArray, RealArray
 from pliant.spec.model import MaterialObject
 
 _NEIGHBOURS: Final = 12
@@ -31,7 +32,7 @@ class Orientation:
         material: float (P, 2), material coordinates of its points.
     """
 
-    def __init__(self, queried: MaterialObject, material: npt.NDArray[np.floating[Any]]) -> None:
+    def __init__(self, queried: MaterialObject, material: RealArray) -> None:
         exact = material.astype(np.float64)
         self._sine = np.full(len(exact), np.nan)
         for axis, coordinate in enumerate(queried.material):
@@ -48,9 +49,7 @@ class Orientation:
         # Row 1 of the pseudo-inverse takes positions to their slope along the first coordinate.
         self._weights = (np.linalg.pinv(root * terms) * root.transpose(0, 2, 1))[:, 1]
 
-    def of(
-        self, uv_px: npt.NDArray[np.float32], points: npt.NDArray[np.intp]
-    ) -> npt.NDArray[np.float32]:
+    def of(self, uv_px: Float32Array, points: npt.NDArray[np.intp]) -> Float32Array:
         """Return float32 (N, 3): the unit direction (u, v), and the sine of the angle.
 
         NaN where there is none: a point behind the camera or seen end on has no direction, a
@@ -68,9 +67,7 @@ class Orientation:
         return np.column_stack([direction, self._sine[points]]).astype(np.float32)
 
 
-def _nearest(
-    queried: MaterialObject, material: npt.NDArray[np.float64], count: int
-) -> npt.NDArray[np.intp]:
+def _nearest(queried: MaterialObject, material: FloatArray, count: int) -> npt.NDArray[np.intp]:
     """Return each point's nearest points in metres, itself among them: intp (P, K)."""
     nearest = np.empty((len(material), count), dtype=np.intp)
     for start in range(0, len(material), _CHUNK):

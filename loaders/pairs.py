@@ -26,6 +26,7 @@ from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.views import TrainingFrame
+from pliant.spec.arrays import Float32Array, IntArray, Mask
 from pliant.spec.calls import check_type, check_whole
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count
@@ -200,7 +201,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         drawn = int(rng.integers(1 + len(self._symmetries)))
         return drawn - 1 if drawn else None
 
-    def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
+    def _frames_by_sequence(self) -> list[IntArray]:
         if self.settings.pairing == "any":
             enough = len(self.store) >= self.settings.views
             return [np.arange(len(self.store))] if enough else []
@@ -210,7 +211,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
                 groups.setdefault(ref.sequence.id, []).append(number)
         return [np.array(g) for g in groups.values() if len(g) >= self.settings.views]
 
-    def _draw_frames(self, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    def _draw_frames(self, rng: np.random.Generator) -> IntArray:
         group = self._groups[int(rng.integers(len(self._groups)))]
         if self.settings.pairing == "next":
             start = int(rng.integers(len(group) - self.settings.views + 1))
@@ -228,9 +229,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             candidates = np.arange(self.store.points)
         return rng.choice(candidates, size=count, replace=len(candidates) < count)
 
-    def _action_px(
-        self, frames: npt.NDArray[np.int64], views: list[TrainingFrame]
-    ) -> npt.NDArray[np.float32]:
+    def _action_px(self, frames: IntArray, views: list[TrainingFrame]) -> Float32Array:
         action = np.full((len(views), len(views)), np.inf, dtype=np.float32)
         refs = [self.store.frames[frame] for frame in frames]
         for a, view_a in enumerate(views):
@@ -245,9 +244,9 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     def _tensors(
         self,
         rng: np.random.Generator,
-        frames: npt.NDArray[np.int64],
+        frames: IntArray,
         views: list[TrainingFrame],
-        action: npt.NDArray[np.float32],
+        action: Float32Array,
     ) -> dict[str, torch.Tensor]:
         slots = 1 + len(self.store.tier.symmetries)
         images = [self._image(rng, view) for view in views]
@@ -265,9 +264,9 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         }
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}
 
-    def _image(self, rng: np.random.Generator, view: TrainingFrame) -> npt.NDArray[np.float32]:
+    def _image(self, rng: np.random.Generator, view: TrainingFrame) -> Float32Array:
         seen = self.settings.network_input
-        masks: tuple[npt.NDArray[np.bool_] | None, ...] = (view.mask, view.objects)
+        masks: tuple[Mask | None, ...] = (view.mask, view.objects)
         rgb = view.rgb
         if seen.masks and self.augmentation is not None:
             masks = given_masks(rng, view, self.augmentation)

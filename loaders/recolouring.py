@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from pliant.spec.arrays import FloatArray, Mask, Rgb
 
-def recolour(
-    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], strength: float, noise: float
-) -> npt.NDArray[np.uint8]:
+
+def recolour(rng: np.random.Generator, rgb: Rgb, strength: float, noise: float) -> Rgb:
     """Return an image with another exposure, tint and contrast, and noise.
 
     Args:
@@ -38,10 +37,10 @@ def recolour(
 
 def recolour_regions(
     rng: np.random.Generator,
-    rgb: npt.NDArray[np.uint8],
-    mask: npt.NDArray[np.bool_],
-    objects: npt.NDArray[np.bool_],
-) -> npt.NDArray[np.uint8]:
+    rgb: Rgb,
+    mask: Mask,
+    objects: Mask,
+) -> Rgb:
     """Return the image with other colours for the queried object, other objects and background.
 
     In each region the deviations from its mean colour go through a random matrix, which mixes
@@ -70,7 +69,7 @@ def recolour_regions(
     return np.ascontiguousarray(planes.clip(0, 255).astype(np.uint8).T).reshape(rgb.shape)
 
 
-def _blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+def _blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
     """Return smooth random colours about 0: float64 (3, h, w), -127.5 to 127.5."""
     cells = int(rng.integers(2, 12))
     coarse = Image.fromarray(rng.integers(0, 256, (cells, cells, 3), dtype=np.uint8))

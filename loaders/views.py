@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from pliant.spec.arrays import BoolArray, Float32Array
 from pliant.spec.errors import SpecError
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -31,11 +32,11 @@ class TrainingFrame(Frame):
         visible: bool (P,), True where the camera sees the point.
     """
 
-    mask: npt.NDArray[np.bool_]
-    objects: npt.NDArray[np.bool_]
-    depth_m: npt.NDArray[np.float32]
-    uv_px: npt.NDArray[np.float32]
-    visible: npt.NDArray[np.bool_]
+    mask: BoolArray
+    objects: BoolArray
+    depth_m: Float32Array
+    uv_px: Float32Array
+    visible: BoolArray
 
 
 def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:
@@ -53,7 +54,7 @@ def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray
     return np.flatnonzero(_equals(table["kind"], "surface") & own)
 
 
-def _equals(column: pa.ChunkedArray, text: str) -> npt.NDArray[np.bool_]:
+def _equals(column: pa.ChunkedArray, text: str) -> BoolArray:
     return np.asarray(pc.equal(column, text).combine_chunks().to_numpy(zero_copy_only=False))
 
 

@@ -16,7 +16,8 @@ TRUE = np.array([[10, 20], [20, 20], [30, 20], [500, 500], [7, 8]], float)
 def said(
     error_px: float, *, moved: tuple[float, float] = (3, 4), method: str = "sift"
 ) -> str | None:
-    made = Split(split([4, 1]), TRUE + np.array([error_px, 0]), TRUE, hidden=[3], uv_a_px=TRUE - moved)
+    answer_px = TRUE + np.array([error_px, 0])
+    made = Split(split([4, 1]), answer_px, TRUE, hidden=[3], uv_a_px=TRUE - moved)
     controls = Controls(5)
     controls.update(made.block(0, 2))
     return controls.sentence(method)

@@ -120,26 +120,6 @@ def test_a_tier_without_counted_answers_has_no_figures_of_distributions() -> Non
     assert "distributions" not in plain.context.table.columns
 
 
-def test_modes_recall_the_visible_equivalent_positions() -> None:
-    """Modes at the truth and 20 px right of it; a light one; a hidden, and a missing answer."""
-    queries = split([4, 1])
-    answer_px = np.concatenate([off_by(0, 0, 0, 0), [[NAN, NAN]]])
-    modes = np.array([[10, 10, 1, 0.7], [30, 10, 1, 0.2], [10, 30, 1, 0.1]])
-    partners = [
-        [(30, 10, True), (10, 30, True)], [(30, 14, True), (10, 10, False)], [(30, 10, False)],
-        [], [(30, 10, True), (10, 30, True)],
-    ]  # fmt: skip
-    answers = {
-        "modes": modes, "mode_begin": np.zeros(5, np.int64),
-        "mode_count": np.array([3, 3, 3, 3, 0]),
-    }  # fmt: skip
-    made = Split(queries, answer_px, partners=partners, answers=answers)
-    made.found(Distribution(DistributionSettings(**SETTINGS), made.context))
-    # The first: two of three; the second: both, its hidden partner is not asked.
-    assert made.column("recallable") == [5, 3]
-    assert made.column("recalled") == [4, 0]
-
-
 ORBIT = OrbitSettings(radius_px=4, sigma_floor_px=1)
 
 
@@ -184,19 +164,6 @@ def test_answers_to_points_with_an_equal_partner() -> None:
     assert "neither" in found.notes["mass_4px"]
     assert plain.column("orbit_points") == made.column("orbit_points")
     assert "orbit_distributions" not in plain.context.table.columns
-
-
-def test_the_probability_at_several_partners() -> None:
-    """Weights 0.5, 0.3 and 0.2 at the point, at one partner and at none."""
-    modes = np.array([[10, 10, 0.1, 0.5], [30, 10, 0.1, 0.3], [30, 30, 0.1, 0.2]])
-    answers = {"modes": modes, "mode_begin": np.zeros(1, np.int64), "mode_count": np.array([3])}
-    partners = [[(30, 10, True), (10, 30, True), (30, 30, False)]]
-    made = Split(split([1]), off_by(0), partners=partners, answers=answers)
-    made.found(Orbit(ORBIT, made.context))
-    held = 1 - math.exp(-8)  # a sigma of 0.1 px is raised to 1 px
-    assert made.column("orbit_own_mass")[0] == pytest.approx(0.5 * held)
-    assert made.column("orbit_partner_mass")[0] == pytest.approx(0.15 * held)
-    assert made.column("orbit_least_mass")[0] == pytest.approx(0, abs=1e-9)
 
 
 def test_distributions_of_some_answers() -> None:

@@ -15,7 +15,6 @@ from pliant.evaluator.metrics.base import NoSettings
 from pliant.evaluator.metrics.continuity import Continuity, ContinuitySettings
 from pliant.evaluator.metrics.geodesic import Geodesic, GeodesicSettings
 from pliant.evaluator.metrics.localisation import Localisation, LocalisationSettings
-from pliant.evaluator.metrics.pck import Pck, PckSettings
 from pliant.evaluator.metrics.symmetry import Symmetry
 from pliant.evaluator.metrics.tapvid import Tapvid, TapvidSettings
 from tests.evaluator.hand_made import Split, episodes, off_by, split
@@ -24,53 +23,11 @@ NAN = math.nan
 LOST = [[NAN, NAN]]
 
 
-def test_errors_are_summed_by_pair_and_their_quantiles_found_by_tier() -> None:
-    queries = split([3, 1, 2], tiers=["x", "y"], tier=[0, 1, 0])
-    made = Split(queries, off_by(3, 4, 7, 2, 1, 9), hidden=[2], cut=2)
-    metric = Localisation(LocalisationSettings(quantiles=(0.25, 0.5)), made.context)
-    found = made.found(metric)
-    assert made.column("sum_squared_px2") == [25, 4, 82]
-    assert made.column("sum_error_px") == [7, 2, 10]
-    assert made.column("counted") == [2, 1, 2]
-    assert made.column("answered") == made.column("queries") == [3, 1, 2]
-    assert made.column("one") == [1, 1, 1]
-    assert found.values == {
-        "overall": {"p25_px": 2, "median_px": 3},  # of 1, 2, 3, 4, 9
-        "x": {"p25_px": 2.5, "median_px": 3.5},  # of 1, 3, 4, 9
-        "y": {"p25_px": 2, "median_px": 2},
-    }
-    none = made.found(Localisation(LocalisationSettings(quantiles=()), made.context))
-    assert not none.values
-    names = [each.name for each in Localisation.figures(metric.settings)]
-    assert names[3:5] == ["p25_px", "median_px"]
-    assert Localisation.figures(metric.settings)[4].about == "median error"
-
-
-def test_a_missing_answer_is_an_error_of_the_diagonal_and_not_answered() -> None:
-    made = Split(split([2, 2]), np.concatenate([LOST, off_by(3), LOST, off_by(4)]), hidden=[2])
-    metric = Localisation(LocalisationSettings(quantiles=(0.5,)), made.context)
-    assert made.found(metric).values["overall"] == {"median_px": 4}
-    assert made.column("sum_squared_px2") == [9 + 2500, 16]
-    assert made.column("answered") == [1, 1]
-    assert made.column("outside_image") == [0, 0]
-
-
 def test_the_border_belongs_to_the_image() -> None:
     answers = [[0, 0], [40, 30], [-0.1, 5], [40.1, 5], [5, -0.1], [5, 30.1], [39, 31]]
     made = Split(split([2, 1, 1, 1, 2]), answers, hidden=[6])
     made.found(Localisation(LocalisationSettings(quantiles=()), made.context))
     assert made.column("outside_image") == [0, 1, 1, 1, 2]
-
-
-def test_pck_by_pixels_and_by_boxes() -> None:
-    answers = np.concatenate([off_by(1, 2, 3, 2), LOST])
-    box = np.array([20.0, 20, 30, 10, 10])
-    made = Split(split([2, 3]), answers, hidden=[3], box_px=box)
-    settings = PckSettings(thresholds_px=(1, 2.5), thresholds_box=(0.1,), comparison="<=")
-    made.found(Pck(settings, made.context))
-    assert made.column("within_1px") == [1, 0]
-    assert made.column("within_2.5px") == [2, 0]
-    assert made.column("within_0.1box") == [2, 1]  # 1 / 20, 2 / 20, 3 / 30
 
 
 def test_auc_counts_pairs_that_have_a_visible_point() -> None:
@@ -92,42 +49,15 @@ def test_auc_counts_pairs_that_have_a_visible_point() -> None:
     assert lone.found(Auc(settings, lone.context)).values["overall"]["auc_4px"] is None
 
 
-def test_histograms_of_errors() -> None:
-    """Errors of 10 to 0.3 px, a hidden point in a tier of its own, a point beyond the diagonal."""
-    queries = split([4, 1, 2, 1], tiers=["x", "y", "z"], tier=[0, 1, 2, 0])
-    answers = off_by(0.3, 8, 9.9, 2, 5, 49.9, 130, 31)
-    made = Split(queries, answers, hidden=[4], cut=2)
+def test_the_histogram_of_errors_of_a_small_image_ends_at_its_diagonal() -> None:
+    """40x30: 50 px, in steps of 4 px."""
+    made = Split(split([4, 1]), off_by(0.3, 49.9, 2, 47.9, 31))
     settings = AnalysisSettings(bin_px=0.5, normalise_by="image_diagonal", bins=5)
-    metric = Analysis(settings, made.context)
     localisation = Localisation(LocalisationSettings(quantiles=()), made.context)
-    curves = made.found(metric, localisation).curves
-    assert set(curves) == {"overall", "x", "z"}
-    edges = [0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
-    held = np.array([1, 1, 1, 2, 2, 2, 2, 4, 4, 4, 5, 5])
-    assert curves["overall"]["cdf"]["error_px"] == edges
-    assert curves["overall"]["cdf"]["share_below"] == pytest.approx((held / 7).tolist())
-    assert curves["x"]["cdf"]["share_below"] == pytest.approx((held / 5).tolist())
-    assert curves["z"]["cdf"]["share_below"] == [0.0] * 12
-    steps = curves["overall"]["error_px"]
-    assert steps["edges_px"] == np.arange(0, 52, 4).tolist()
-    assert steps["share"] == pytest.approx([2 / 7, 0, 2 / 7, 0, 0, 0, 0, 1 / 7, 0, 0, 0, 0])
-    assert steps["share_beyond"] == pytest.approx(2 / 7)
-    assert curves["x"]["error_px"]["share_beyond"] == 0
-    ten = [0, 0.2, 0.4, 0.6, 0.8, 1]
-    assert curves["overall"]["normalised_error"]["edges"] == pytest.approx(ten)
-    assert curves["overall"]["normalised_error"]["share"] == pytest.approx(
-        [4 / 7, 0, 0, 1 / 7, 2 / 7]
-    )
-    first = math.sqrt((0.3**2 + 8**2 + 9.9**2 + 2**2) / 4)
-    last = math.sqrt((49.9**2 + 130**2) / 2)  # beyond the diagonal: in the last bin
-    rmse = curves["overall"]["normalised_pair_rmse"]
-    assert rmse["edges"] == pytest.approx(ten)
-    assert rmse["share"] == pytest.approx([1 / 3, 0, 0, 1 / 3, 1 / 3])
-    assert curves["x"]["normalised_pair_rmse"]["share"] == [0.5, 0, 0, 0.5, 0]
-    assert curves["overall"]["pair_rmse_box_px"] == pytest.approx({
-        "p5": first + 0.1 * (31 - first), "p25": (first + 31) / 2, "p50": 31,
-        "p75": (31 + last) / 2, "p95": last - 0.1 * (last - 31),
-    })  # fmt: skip
+    curve = made.found(Analysis(settings, made.context), localisation).curves["overall"]["error_px"]
+    assert curve["edges_px"] == np.arange(0, 52, 4).tolist()
+    assert curve["share"] == pytest.approx([0.4, 0, 0, 0, 0, 0, 0, 0.2, 0, 0, 0, 0.2])
+    assert curve["share_beyond"] == pytest.approx(0.2)
 
 
 CONTINUITY = ContinuitySettings(
@@ -162,27 +92,6 @@ def test_which_neighbours_are_asked_and_torn(
     a: float, truth: float, answer: float, expected: tuple[int, int]
 ) -> None:
     assert neighbours(a, truth, answer) == expected
-
-
-def test_the_stretch_of_neighbours_by_tier() -> None:
-    uv_a_px = np.array([[0, 0], [2, 0], [5, 0], [0, 0], [0, 4], [7, 7], [1, 1], [1, 3]], float)
-    answer_px = np.array([[0, 0], [6, 0], [9, 0], [0, 0], [0, 4], [7, 7], [1, 1], [1, 2]], float)
-    answer_px[5] = NAN
-    queries = split([3, 3, 2], tiers=["x", "y", "z"], tier=[0, 1, 2])
-    made = Split(queries, answer_px, uv_a_px, hidden=[6], cut=2, uv_a_px=uv_a_px)
-    found = made.found(Continuity(CONTINUITY, made.context))
-    assert made.column("neighbours") == [3, 3, 0]
-    assert made.column("jumps") == [0, 1, 0]
-    # Stretches: 6 / 2, 6 / 2, 3 / 3; 1, 1 and 50 / sqrt(58) for the missing one.
-    assert found.values["x"]["stretch_p50"] == 3
-    assert found.values["y"]["stretch_p50"] == 1
-    assert found.values["z"]["stretch_p50"] is None
-    assert found.values["overall"]["stretch_p50"] == 2
-    without = Split(queries, answer_px, uv_a_px)
-    without.context.table.put("jumps", slice(0, 3), np.full(3, 7))
-    metric = Continuity(CONTINUITY, without.context)
-    metric.update(without.block(0, 3))
-    assert without.column("jumps") == [7, 7, 7]  # nothing was put without query pixels
 
 
 def test_neighbours_in_pairs_of_several_sizes(monkeypatch: pytest.MonkeyPatch) -> None:

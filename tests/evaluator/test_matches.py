@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy import ndimage
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect, read_scores
@@ -108,32 +107,6 @@ def test_coverage_stands_next_to_every_figure(
     assert all("of 33.3 % of the pairs" in line for line in lines if "RMSE" in line)
     assert "of 33.3 % of the pairs" in (out / "report.html").read_text()
     assert "of 33.3 % of the pairs" in render_leaderboard([read_scores(out)])
-
-
-def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
-    """A target that shows half of the cloth leaves matches to the other half uncounted."""
-    from pliant.evaluator.metrics.dense_truth import dense_truth
-    from pliant.evaluator.metrics.surface_images import ObjectSurface
-    from pliant.evaluator.metrics.surfaces import Surfaces
-
-    surfaces = Surfaces(scene.dataset)
-    source = surfaces.frame("cloth-test-000000", 0)
-    target = surfaces.frame("cloth-test-000000", 1)
-    assert source is not None
-    assert target is not None
-    half = ObjectSurface(target.on_object & (target.m0 < 0.5), target.m0, target.m1)
-    rows, columns = np.nonzero(source.on_object)
-    uv = np.stack([columns, rows], axis=1) + 0.5
-    found = dense_truth(source, half, uv, scene.dataset.tiers["cloth"].queried, 2.0)
-    shown = source.m0[rows, columns] < 0.5
-    near_the_cut = np.abs(source.m0[rows, columns] - 0.5) < 0.03
-    assert found.on_object.all()
-    assert (found.visible == shown)[~near_the_cut].mean() > 0.99
-    assert np.isnan(found.uv_b_px[~found.visible]).all()
-    rows, columns = np.nonzero(ndimage.binary_dilation(source.on_object) & ~source.on_object)
-    beside = np.stack([columns, rows], axis=1) + 0.5
-    queried = scene.dataset.tiers["cloth"].queried
-    assert not dense_truth(source, target, beside, queried, 2.0).on_object.any()
 
 
 def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) -> None:

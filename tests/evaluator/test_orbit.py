@@ -66,10 +66,3 @@ def test_a_coin_between_two_places(scene: Any, tmp_path: Path) -> None:
     others = [1 / len(at) for at in points.values()]
     assert found["partner_mass_8px"] == pytest.approx(0.5 * np.mean(others), abs=1e-6)
     assert found["least_mass_8px"] == pytest.approx(0.5 * len(two) / len(points), abs=1e-6)
-
-
-def test_answers_without_a_distribution_have_no_masses(scene: Any, tmp_path: Path) -> None:
-    scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root)
-    assert scores.overall["flip_rate_8px"] == 0
-    assert scores.overall["mass_8px"] is None
-    assert "mass_8px" in scores.document["notes"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
 from pliant.evaluator.protocols.protocol import metric_class
 from pliant.evaluator.scores import check_document
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 from tests.evaluator.figures import assert_same, figure
 
@@ -73,39 +75,38 @@ def test_the_committed_submission_keeps_its_score() -> None:
         assert_same(found[name], value, name, 1e-9)
 
 
-def test_the_golden_score_is_what_its_offsets_say() -> None:
-    """Errors of 0, 5, 10 and 0 px in turn, so everything follows from counting the visible."""
-    from pliant.spec.dataset import Dataset
+def tiny_errors(*, moving: bool = False) -> np.ndarray:
+    """Return the errors of the committed submission at visible points, or at those that move.
 
-    truth = Dataset.open(TINY / "dataset").truth("test").to_pylist()
-    error = {0: 0.0, 1: 5.0, 2: 10.0, 3: 0.0}
-    seen = [error[row["query_id"] % 4] for row in truth if row["visibility_b"] == "visible"]
+    They are 0, 5, 10 and 0 px in turn, so everything follows from counting.
+    """
+    dataset = Dataset.open(TINY / "dataset")
+    truth, queries = dataset.truth("test").to_pylist(), dataset.queries("test").to_pylist()
+    return np.array([
+        (0.0, 5.0, 10.0, 0.0)[row["query_id"] % 4]
+        for row, asked in zip(truth, queries, strict=True)
+        if row["visibility_b"] == "visible"
+        and (not moving or math.dist((row["u_b"], row["v_b"]), (asked["u_a"], asked["v_a"])) > 4)
+    ])  # fmt: skip
+
+
+def test_the_golden_score_is_what_its_offsets_say() -> None:
+    seen = tiny_errors()
     golden = json.loads((TINY / "golden.json").read_text())["overall"]
-    assert golden["rmse_px"] == pytest.approx(np.sqrt(np.mean(np.square(seen))), abs=1e-5)
+    assert golden["rmse_px"] == pytest.approx(np.sqrt(np.mean(seen**2)), abs=1e-5)
     assert golden["mean_px"] == pytest.approx(np.mean(seen), abs=1e-5)
-    assert golden["pck_4px"] == np.mean(np.array(seen) < 1)
-    assert golden["pck_8px"] == np.mean(np.array(seen) < 6)
+    assert golden["pck_4px"] == np.mean(seen < 1)
+    assert golden["pck_8px"] == np.mean(seen < 6)
     assert golden["pck_16px"] == 1
 
 
 @pytest.mark.parametrize("name", ["tapvid", "track"])
-def test_points_that_move_are_scored_beside_all(name: str, tmp_path: Path) -> None:
-    from pliant.spec.dataset import Dataset
-
-    dataset = Dataset.open(TINY / "dataset")
-    scores = evaluate(TINY / "submission.parquet", dataset, protocol=name)
-    truth, queries = dataset.truth("test").to_pylist(), dataset.queries("test").to_pylist()
-    error = {0: 0.0, 1: 5.0, 2: 10.0, 3: 0.0}  # of the submission, by query
-    moving = [
-        error[row["query_id"] % 4]
-        for row, asked in zip(truth, queries, strict=True)
-        if row["visibility_b"] == "visible"
-        and np.hypot(row["u_b"] - asked["u_a"], row["v_b"] - asked["v_a"]) > 4
-    ]
-    assert 0 < len(moving) < sum(row["visibility_b"] == "visible" for row in truth) + 1
-    expected = np.sqrt(np.mean(np.square(moving)))
-    assert scores.overall["rmse_px_moving"] == pytest.approx(expected, abs=1e-5)
-    assert scores.overall["pck_8px_moving"] == np.mean(np.array(moving) < 8)
+def test_points_that_move_are_scored_beside_all(name: str) -> None:
+    scores = evaluate(TINY / "submission.parquet", TINY / "dataset", protocol=name)
+    moving = tiny_errors(moving=True)
+    assert 0 < len(moving) <= len(tiny_errors())
+    assert scores.overall["rmse_px_moving"] == pytest.approx(np.sqrt(np.mean(moving**2)), abs=1e-5)
+    assert scores.overall["pck_8px_moving"] == np.mean(moving < 8)
     slices = scores.document["slices"]["displacement"]
     far = [row for row in slices if row["slice"] not in ("below 1 px", "1 to 4 px")]
     assert sum(row["queries"] for row in far) == len(moving)
@@ -159,20 +160,7 @@ def test_a_foreign_truth_is_the_datasets_fault(
     queries = scene.root / "queries" / "test.parquet"
     with pytest.raises(SpecError, match="found table 'queries'; required: table 'truth'"):
         evaluate(path, scene.root, truth=queries)
-    with pytest.raises(SpecError, match="truth of split test is not here"):
-        evaluate(path, scene.root, truth=tmp_path / "nothing.parquet")
     own = scene.root / "truth" / "test.parquet"
     elsewhere = tmp_path / "truth.parquet"
     elsewhere.write_bytes(own.read_bytes())
     assert evaluate(path, scene.root, truth=elsewhere).overall["rmse_px"] == 0
-
-
-def test_a_truth_with_shuffled_rows_is_refused(scene: Any, tmp_path: Path) -> None:
-    import pyarrow.parquet as pq
-
-    source = pq.read_table(scene.root / "truth" / "test.parquet")
-    moved = source.take(np.roll(np.arange(len(source)), 1))
-    pq.write_table(moved.replace_schema_metadata(source.schema.metadata), tmp_path / "t.parquet")
-    path = scene.submit(tmp_path / "s.parquet")
-    with pytest.raises(SpecError, match="other keys in rows 0 to"):
-        evaluate(path, scene.root, truth=tmp_path / "t.parquet")

@@ -86,6 +86,7 @@ def test_a_report_holds_three_files_and_reads_back(reports: Path) -> None:
     assert scores.document["submission"]["method"]["seed"] == 0
     assert scores.per_pair.num_rows == scores.document["counts"]["pairs"] == 16
     table = scores.per_pair.to_pylist()
+    assert sum(row["queries"] for row in table) == scores.document["counts"]["queries"]
     counted = sum(row["counted"] for row in table)
     squared = sum(row["sum_squared_px2"] for row in table)
     assert scores.overall["rmse_px"] == pytest.approx(np.sqrt(squared / counted), rel=1e-12)
@@ -107,17 +108,6 @@ def test_the_page_is_whole_and_loads_nothing(reports: Path) -> None:
         assert f'aria-label="{chart}"' in text
     rmse = read_scores(reports / "near").overall["rmse_px"]
     assert f"{rmse:.2f}" in words
-
-
-def test_names_are_escaped(scene: Any, tmp_path: Path) -> None:
-    evil = "<script>alert('x')</script>"
-    path = scene.submit(tmp_path / "s.parquet", method={"name": evil, "note": evil})
-    write_report(evaluate(path, scene.root), tmp_path / "report")
-    text = (tmp_path / "report" / "report.html").read_text()
-    assert text.count("<script") == 5  # its own: four draw the charts
-    assert "&lt;script&gt;" in text
-    board = render_leaderboard([read_scores(tmp_path / "report")])
-    assert board.count("<script") == 5
 
 
 def test_a_report_without_images_or_distribution_is_complete(
@@ -145,17 +135,12 @@ def test_a_report_never_overwrites_something_else(scene: Any, tmp_path: Path) ->
 
 
 def test_a_damaged_report_is_no_report(reports: Path, tmp_path: Path) -> None:
-    for name, damage, message in (
-        ("scores.json", b"{}", "not a report of pliant evaluate"),
-        ("per_pair.parquet", b"PAR1", "not the one that its scores.json lists"),
-    ):
-        folder = tmp_path / name
-        shutil.copytree(reports / "near", folder)
-        (folder / name).write_bytes(damage)
-        with pytest.raises(SubmissionError, match=message):
-            read_scores(folder)
-    with pytest.raises(SubmissionError, match="not a report"):
-        read_scores(tmp_path)
+    folder = tmp_path / "damaged"
+    shutil.copytree(reports / "near", folder)
+    (folder / "scores.json").write_bytes(b"{}")
+    for each in (folder, tmp_path):
+        with pytest.raises(SubmissionError, match="not a report of pliant evaluate"):
+            read_scores(each)
 
 
 def test_verdicts_need_an_interval_that_excludes_zero(reports: Path) -> None:
