@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
-from typing import Protocol as Interface
 
 import numpy as np
 
@@ -42,13 +41,6 @@ from pliant.spec.storage import layout
 _PAIRS_WITH_IMAGES: Final = 1024
 """Where surface images are read, they take the time: shorter blocks show progress, and leave less
 to the last of several processes."""
-
-
-class Observer(Interface):
-    """Whatever looks at the blocks as they pass."""
-
-    def update(self, block: Block) -> None:
-        """Take in one block; blocks come in order, each once."""
 
 
 def score(
@@ -88,7 +80,7 @@ def score(
             causes = Causes(CausesSettings(), context)
             metrics.append(causes)
         hints, controls = TruthHints(answers, queries), Controls(queries.rows)
-    observers: list[Observer] = [*metrics]
+    observers: list[Metric[Any] | TruthHints | Controls] = [*metrics]
     observers += [each for each in (hints, controls) if each is not None]
     blocks = _blocks(loaded, truth, protocol, context, metrics, hide_truth, has_images)
     if workers > 1 and has_images and (has_causes or "geodesic" in protocol.settings):

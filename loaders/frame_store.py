@@ -18,12 +18,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.views import (
-    TrainingFrame,
-    read_training_frame,
-    surface_points,
-    working_key,
-)
+from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points, working_key
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError

@@ -11,14 +11,7 @@ from typing import Annotated, Final
 
 import numpy as np
 
-from pliant.evaluator.metrics.base import (
-    Groups,
-    Level,
-    Metric,
-    Positive,
-    ScoringContext,
-    Summary,
-)
+from pliant.evaluator.metrics.base import Groups, Level, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px, exact_quantiles
 from pliant.spec.arrays import BoolArray, IntArray, RealArray

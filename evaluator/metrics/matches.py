@@ -10,13 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pliant.evaluator.metrics.base import (
-    Groups,
-    Metric,
-    Positive,
-    ScoringContext,
-    Summary,
-)
+from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surface_images import ObjectSurface, nearest_object_pixel

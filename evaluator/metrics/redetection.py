@@ -54,8 +54,8 @@ class Redetection(Metric[TapvidSettings]):
         track = np.unique(np.column_stack([source, point]), axis=0, return_inverse=True)[1]
         again = hidden_before(track.reshape(-1), np.abs(since[pair]), ~visible)
         counts = tapvid_pairs(
-            error[again], visible[again], predicted[again], right[again], pair[again],
-            pairs, self.settings.thresholds, self.settings.comparison,
+            error[again], visible[again], predicted[again], right[again], pair[again], pairs,
+            self.settings,
         )  # fmt: skip
         columns = counts.columns(self.settings.thresholds)
         for name in ("aj_pair", "jaccard_pair"):

@@ -67,10 +67,10 @@ class Tapvid(Metric[TapvidSettings]):
     def counts(self, block: Block) -> TapvidPairs:
         """Return what is counted in each pair of a block."""
         error, predicted_visible, right = self.judged(block)
+        pairs = len(block.starts) - 1
         return tapvid_pairs(
-            error, block.counted, predicted_visible, right, block.pair, len(block.starts) - 1,
-            self.settings.thresholds, self.settings.comparison,
-        )  # fmt: skip
+            error, block.counted, predicted_visible, right, block.pair, pairs, self.settings
+        )
 
     def judged(self, block: Block) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Judge each query of a block.
@@ -165,8 +165,7 @@ def tapvid_pairs(
     right: BoolArray,
     pair: IntArray,
     pairs: int,
-    thresholds: Sequence[float],
-    comparison: str = "<",
+    settings: TapvidSettings,
 ) -> TapvidPairs:
     """Compute TAP-Vid's figures for each pair.
 
@@ -183,15 +182,14 @@ def tapvid_pairs(
             never does).
         pair: int64 (N,), 0 to `pairs` - 1, every pair present.
         pairs: Number of pairs, P.
-        thresholds: T ascending thresholds in scaled pixels.
-        comparison: `<` in the published definition.
+        settings: T thresholds, and how a distance equal to one counts.
 
     Returns:
         What is counted in each pair.
     """
-    count = len(thresholds)
+    count = len(settings.thresholds)
     width = count + 1
-    level = threshold_level(scaled_error, thresholds, comparison)
+    level = threshold_level(scaled_error, settings.thresholds, settings.comparison)
     key = ((pair * width + level) * 2 + visible) * 2 + predicted_visible
     cells = np.bincount(key, minlength=pairs * width * 4).reshape(pairs, width, 2, 2)
     within = np.cumsum(cells, axis=1)[:, :count]  # (P, T, visible, predicted visible)

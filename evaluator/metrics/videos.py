@@ -12,13 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from pliant.evaluator.metrics.base import (
-    Groups,
-    Metric,
-    ScoringContext,
-    Summary,
-    listed_figures,
-)
+from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary, listed_figures
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.tapvid import Tapvid, TapvidPairs, TapvidSettings
 from pliant.evaluator.statistics.ratios import Figure

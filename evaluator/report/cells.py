@@ -57,12 +57,6 @@ class Heading:
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
     @property
-    def title(self) -> str:
-        """The name for a note: a name of scores.json in words."""
-        words = self.label.replace("_", " ")
-        return words[:1].upper() + words[1:]
-
-    @property
     def in_text(self) -> str:
         """The name with its unit in parentheses."""
         return f"{self.label} ({self.unit})" if self.unit else self.label

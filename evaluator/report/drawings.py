@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import colorsys
 import html
 import io
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.evaluator.examples import Example
+from pliant.evaluator.report.pages import data_uri
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -168,8 +168,7 @@ def panel_svg(
     if most_px is not None:
         picture.thumbnail((most_px, most_px))
     picture.save(buffer, "JPEG", quality=85)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<image {shape} href="data:image/jpeg;base64,{data}"/>'
+    return f'<image {shape} href="{data_uri(buffer.getvalue(), "image/jpeg")}"/>'
 
 
 def _image(dataset: Dataset, sequence: str, frame: int) -> npt.NDArray[np.uint8] | None:

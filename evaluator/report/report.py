@@ -17,13 +17,7 @@ from pliant.evaluator.report.charts import Chart, Labels
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import report_verdict
-from pliant.evaluator.scores import (
-    PER_PAIR_TABLE,
-    REPORT_HTML,
-    SCORES_JSON,
-    Scores,
-    check_document,
-)
+from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, check_document
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.staging import staged
@@ -135,7 +129,7 @@ def _cause_groups(document: Mapping[str, Any]) -> list[tuple[str, Any]]:
 def _notes(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return (what, note) for people; the verdict has that about the controls."""
     return [
-        (heading(name, document["protocol"]).title, text.replace("`", ""))
+        (heading(name, document["protocol"]).label, text.replace("`", ""))
         for name, text in sorted(document["notes"].items())
         if name != "controls"
     ]

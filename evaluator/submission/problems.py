@@ -9,12 +9,7 @@ import numpy as np
 
 from pliant.spec.arrays import BoolArray
 from pliant.spec.errors import Issue
-from pliant.spec.validation.findings import (
-    LISTED_PER_CODE,
-    FileProblems,
-    Findings,
-    RowDescription,
-)
+from pliant.spec.validation.findings import LISTED_PER_CODE, FileProblems, Findings, RowDescription
 from pliant.spec.validation.issue_codes import make_issue
 
 PLACES: Final = 3

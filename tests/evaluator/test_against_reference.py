@@ -11,14 +11,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate
-from tests.evaluator.references import (
-    Rows,
-    answers_of,
-    assert_agrees,
-    mean,
-    pairs_of,
-    rms,
-)
+from tests.evaluator.references import Rows, answers_of, assert_agrees, mean, pairs_of, rms
 
 
 def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> None:

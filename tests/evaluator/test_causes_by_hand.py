@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.evaluator.metrics.causes import (
-    CAUSES,
-    NO_CAUSE,
-    Causes,
-    CausesSettings,
-    cause_rows,
-)
+from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE, Causes, CausesSettings, cause_rows
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
 from pliant.spec.model import Tier
 from tests.evaluator.conftest import CLOTH, ROPE

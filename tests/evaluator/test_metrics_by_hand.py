@@ -7,10 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pliant.evaluator.metrics import (
-    pck,
-    surface_images,
-)
+from pliant.evaluator.metrics import pck, surface_images
 from pliant.evaluator.metrics.auc import area_under_recall
 from pliant.evaluator.metrics.errors import exact_quantiles, rmse_px
 
