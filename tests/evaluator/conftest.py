@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from pliant.evaluator import Scores, evaluate
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -114,6 +115,13 @@ class Scene:
         metadata = {b"pliant": json.dumps(content).encode()}
         pq.write_table(table.replace_schema_metadata(metadata), path)
         return path
+
+    def score(
+        self, folder: Path, table: pa.Table | None = None, *, name: str = "test", **options: Any
+    ) -> Scores:
+        """Score answers of a method, by default the truth; `options` are those of `evaluate`."""
+        path = self.submit(folder / f"{name}.parquet", table, method={"name": name})
+        return evaluate(path, self.root, **options)
 
 
 def project(kind: str, pose: np.ndarray, material: np.ndarray) -> np.ndarray:

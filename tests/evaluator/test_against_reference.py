@@ -10,13 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.evaluator import evaluate
 from tests.evaluator.references import Rows, answers_of, assert_agrees, mean, pairs_of, rms
 
 
 def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> None:
     table = answers_of(scene, seed=3, kind="plain")
-    scores = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root)
+    scores = scene.score(tmp_path, table)
     dataset = scene.dataset
     scale = {"cloth": (0.8, 0.5), "rope": (1.2, 0.012)}
     for tier in ("cloth", "rope"):
@@ -59,7 +58,7 @@ def test_curves_are_those_of_plain_numpy(scene: Any, tmp_path: Path) -> None:
     table = answers_of(scene, seed=3, kind="plain")
     far = table["u"].to_numpy() + np.where(scene.pair == 0, np.float32(500), 0)
     table = table.set_column(2, "u", pa.array(far))  # a pair that is beyond the diagonal
-    document = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root).document
+    document = scene.score(tmp_path, table).document
     edges = [0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192]
     for tier in (None, "cloth", "rope"):
         seen = [row for row in Rows(scene, table).of(tier) if row["seen"]]
@@ -86,7 +85,7 @@ def test_curves_are_those_of_plain_numpy(scene: Any, tmp_path: Path) -> None:
 
 def test_slices_are_those_of_single_rows(scene: Any, tmp_path: Path) -> None:
     table = answers_of(scene, seed=3, kind="plain")
-    document = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root).document
+    document = scene.score(tmp_path, table).document
 
     def between(value: float, edges: list[float], unit: str) -> str:
         low = max((edge for edge in edges if edge <= value), default=None)

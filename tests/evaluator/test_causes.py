@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from pliant.evaluator import evaluate, evaluate_answers, write_report
+from pliant.evaluator import evaluate_answers, write_report
 from pliant.evaluator.scores import Scores, read_scores
 from pliant.spec.dataset import Dataset
 from pliant.spec.sequence import SequenceRecord
@@ -297,11 +297,10 @@ def test_without_surface_images_there_are_no_causes(
     scene_maker: Callable[..., Any], tmp_path: Path
 ) -> None:
     scene = scene_maker(tmp_path / "data", images=False)
-    assert "causes" not in evaluate(scene.submit(tmp_path / "s.parquet"), scene.root).document
+    assert "causes" not in scene.score(tmp_path).document
 
 
 def test_scores_for_participants_have_no_causes(scene: Any, tmp_path: Path) -> None:
     """Causes are found with the truth, so they would tell single answers."""
-    path = scene.submit(tmp_path / "s.parquet")
-    assert "causes" in evaluate(path, scene.root).document
-    assert "causes" not in evaluate(path, scene.root, hide_truth=True).document
+    assert "causes" in scene.score(tmp_path).document
+    assert "causes" not in scene.score(tmp_path, hide_truth=True).document

@@ -14,7 +14,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import evaluate
 from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.scores import Scores, read_scores
+from pliant.evaluator.scores import read_scores
 from pliant.spec.errors import CallError
 
 CENTRE = np.array([80.0, 60.0])
@@ -62,12 +62,12 @@ def test_no_error_passes_the_diagonal(scene: Any, tmp_path: Path) -> None:
     squares = np.where(far, 200.0**2, 25.0)[scene.visible]
     assert capped["rmse_px"] == pytest.approx(np.sqrt(squares.mean()), rel=1e-6)
     assert capped["p95_px"] == pytest.approx(200)
-    near = scene.submit(tmp_path / "n.parquet", scene.table(scene.true_px + 3))
-    same = [
-        evaluate(near, scene.root, protocol="paper", hide_truth=hide).overall
+    near = scene.table(scene.true_px + 3)
+    plain, hidden = (
+        scene.score(tmp_path, near, protocol="paper", hide_truth=hide).overall
         for hide in (False, True)
-    ]
-    assert same[0] == pytest.approx(same[1], rel=1e-6)
+    )
+    assert plain == pytest.approx(hidden, rel=1e-6)
 
 
 def test_participants_see_rounded_headline_metrics_only(scene: Any, tmp_path: Path) -> None:
@@ -101,7 +101,5 @@ def test_evaluate_prints_what_participants_may_see(
 
 
 def test_uncapped_scores_are_not_shown_to_participants(scene: Any, tmp_path: Path) -> None:
-    path = scene.submit(tmp_path / "s.parquet")
-    scores: Scores = evaluate(path, scene.root, protocol="paper")
     with pytest.raises(CallError, match="pliant evaluate --hide-truth"):
-        public_scores(scores)
+        public_scores(scene.score(tmp_path, protocol="paper"))

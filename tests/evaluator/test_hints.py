@@ -20,10 +20,6 @@ from pliant.evaluator import evaluate, inspect, write_report
 WIDTH, HEIGHT = 160, 120
 
 
-def _noise(scene: Any, px: float) -> np.ndarray:
-    return np.random.default_rng(0).normal(0, px, scene.true_px.shape)
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -41,8 +37,7 @@ def _noise(scene: Any, px: float) -> np.ndarray:
 def test_a_mistake_in_the_coordinates_is_named(
     change: Any, says: str, scene: Any, tmp_path: Path
 ) -> None:
-    path = scene.submit(tmp_path / "s.parquet", scene.table(change(scene.true_px)))
-    hints = evaluate(path, scene.root, protocol="paper").hints
+    hints = scene.score(tmp_path, scene.table(change(scene.true_px)), protocol="paper").hints
     assert any(hint.startswith(says) for hint in hints), hints
 
 
@@ -50,19 +45,16 @@ def test_a_mistake_in_the_coordinates_is_named(
 def test_right_and_merely_bad_answers_get_no_hint_of_a_mistake(
     error_px: float, scene: Any, tmp_path: Path
 ) -> None:
-    uv = scene.true_px + _noise(scene, error_px)
+    uv = scene.true_px + np.random.default_rng(0).normal(0, error_px, scene.true_px.shape)
     visible = np.where(scene.visible, 0.9, 0.1)
-    path = scene.submit(tmp_path / "s.parquet", scene.table(uv, visible=visible))
-    hints = evaluate(path, scene.root, protocol="paper").hints
+    hints = scene.score(tmp_path, scene.table(uv, visible=visible), protocol="paper").hints
     assert not [hint for hint in hints if "outside" not in hint]
 
 
 def test_visibility_the_wrong_way_round_is_named(scene: Any, tmp_path: Path) -> None:
     visible = np.where(scene.visible, 0.1, 0.9)
-    path = scene.submit(tmp_path / "s.parquet", scene.table(visible=visible))
-    hints = evaluate(path, scene.root).hints
-    assert len(hints) == 1
-    assert "`visible` is anticorrelated with the truth (-1.00)" in hints[0]
+    (hint,) = scene.score(tmp_path, scene.table(visible=visible)).hints
+    assert "`visible` is anticorrelated with the truth (-1.00)" in hint
 
 
 @pytest.mark.parametrize(

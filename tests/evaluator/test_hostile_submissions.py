@@ -18,7 +18,6 @@ import pyarrow as pa
 import pytest
 from _pytest.mark import ParameterSet
 
-from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect
 from pliant.spec.errors import SubmissionError
 from pliant.spec.limits import Limits
@@ -71,30 +70,6 @@ def test_a_hostile_file_gets_its_codes(name: str, scene: Any, tmp_path: Path) ->
     expected, build = CASES[name]
     build(scene, tmp_path / "submission.parquet")
     assert verdict(tmp_path / "submission.parquet", scene.root) == expected
-
-
-@pytest.mark.usefixtures("child_process")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "u nan",
-        pytest.param("good", marks=pytest.mark.long),
-        pytest.param("no footer", marks=pytest.mark.long),
-    ],
-)
-def test_the_commands_end_without_a_traceback(
-    name: str, scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    expected, build = CASES[name]
-    path = tmp_path / "submission.parquet"
-    build(scene, path)
-    arguments = [str(path), "--data", str(scene.root)]
-    status = 1 if expected else 0
-    assert run(["check", *arguments]) == status
-    assert run(["evaluate", *arguments, "--protocol", "paper"]) == status
-    out = capsys.readouterr()
-    assert "Traceback" not in out.out + out.err
-    assert all(code in out.out and code in out.err for code in expected)
 
 
 def crash(*_: object, **__: object) -> None:

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
-from pliant.evaluator import Scores, evaluate, evaluate_answers
+from pliant.evaluator import Scores, evaluate_answers
 from pliant.spec.errors import CallError, SubmissionError
 from tests.evaluator.figures import figure
 
@@ -23,10 +22,9 @@ def figures(scores: Scores) -> dict[str, Any]:
 def test_arrays_columns_and_tables_score_like_the_file(scene: Any, tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     uv = (scene.true_px + rng.normal(0, 5, (scene.rows, 2))).astype(np.float32)
-    path = scene.submit(tmp_path / "s.parquet", scene.table(uv))
-    expected = evaluate(path, scene.root)
+    expected = scene.score(tmp_path, scene.table(uv))
     columns = {"u": uv[:, 0], "v": uv[:, 1]}
-    shuffled = pq.read_table(path).take(pa.array(rng.permutation(scene.rows)))
+    shuffled = scene.table(uv).take(pa.array(rng.permutation(scene.rows)))
     for answers in (uv, columns, pa.table(columns), shuffled):
         found = evaluate_answers(scene.root, scene.split, answers, method="mine")
         assert figures(found) == figures(expected)
@@ -50,8 +48,7 @@ def test_distributions_and_missing_answers_work_in_memory(scene: Any, tmp_path: 
     modes = [[{"u": u, "v": v, "sigma": 2.0, "weight": 1.0}] for u, v in scene.true_px.tolist()]
     table = scene.table(modes=modes)
     part = table.slice(5)
-    path = scene.submit(tmp_path / "s.parquet", part)
-    expected = evaluate(path, scene.root, allow_missing=True)
+    expected = scene.score(tmp_path, part, allow_missing=True)
     found = evaluate_answers(scene.root, scene.split, part, allow_missing=True)
     assert figures(found) == figures(expected)
     assert found.overall["nll"] is not None

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, inspect, read_scores
+from pliant.evaluator import Scores, evaluate, inspect, read_scores
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.spec.errors import CallError, SpecError
 from tests.evaluator.figures import figure
@@ -31,11 +31,19 @@ def true_matches(scene: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return scene.pair[seen], uv_a[seen], scene.true_px[seen]
 
 
+def submitted(scene: Any, folder: Path, table: pa.Table) -> Path:
+    path: Path = scene.submit(folder / "m.parquet", table, kind="matches")
+    return path
+
+
+def scored(scene: Any, folder: Path, table: pa.Table, **options: Any) -> Scores:
+    return evaluate(submitted(scene, folder, table), scene.root, **options)
+
+
 def test_true_matches_are_right_to_a_pixel(scene: Any, tmp_path: Path) -> None:
-    pair, uv_a, uv_b = true_matches(scene)
-    path = scene.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
-    assert not inspect(path, scene.root)
-    scores = evaluate(path, scene.root)
+    table = matches_table(*true_matches(scene))
+    assert not inspect(submitted(scene, tmp_path, table), scene.root)
+    scores = scored(scene, tmp_path, table)
     assert scores.document["protocol"] == "matches"
     assert figure(scores, "rmse_px") < 1.1
     assert scores.overall["match_coverage"] == 1
@@ -53,9 +61,8 @@ def test_rates_count_what_does_not_enter_the_error(scene: Any, tmp_path: Path) -
         np.concatenate([uv_a[first], off, off]),
         np.concatenate([uv_b[first], off, off]),
     )
-    scores = evaluate(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
-    count = first.sum()
-    count -= 1  # the two matches off the object start in one pixel and count once
+    scores = scored(scene, tmp_path, table)
+    count = first.sum() - 1  # the two matches off the object start in one pixel and count once
     assert scores.overall["on_object_rate"] == pytest.approx((count + 1) / (count + 2), abs=0.02)
     assert scores.overall["match_coverage"] == pytest.approx(1 / 6)
     assert scores.overall["matches_per_pair"] == pytest.approx((count + 2) / 6)
@@ -75,12 +82,9 @@ def test_repeating_matches_changes_no_figure(scene: Any, tmp_path: Path) -> None
     copies = copies.set_column(5, "score", pa.array(np.full(len(copies), 0.5, np.float32)))
     more = pa.concat_tables([copies, once, once])
     shuffled = more.take(np.random.default_rng(0).permutation(len(more)))
-    first, second = (
-        evaluate(scene.submit(tmp_path / f"{len(t)}.parquet", t, kind="matches"), scene.root)
-        for t in (once, shuffled)
-    )
-    assert first.document["overall"] == second.document["overall"]
-    assert first.document["counts"] == second.document["counts"]
+    first, second = (scored(scene, tmp_path, each).document for each in (once, shuffled))
+    assert first["overall"] == second["overall"]
+    assert first["counts"] == second["counts"]
 
 
 def test_each_pixel_keeps_its_best_match(scene: Any, tmp_path: Path) -> None:
@@ -89,9 +93,8 @@ def test_each_pixel_keeps_its_best_match(scene: Any, tmp_path: Path) -> None:
         np.repeat(pair, 2), np.repeat(uv_a, 2, axis=0), np.concatenate([uv_b + 40, uv_b])
     )
     for score, right in (([0.2, 0.9], True), ([0.9, 0.2], False)):
-        scored = table.set_column(5, "score", pa.array(np.array(score, np.float32)))
-        scores = evaluate(scene.submit(tmp_path / "m.parquet", scored, kind="matches"), scene.root)
-        assert (figure(scores, "rmse_px") < 2) is right
+        of_both = table.set_column(5, "score", pa.array(np.array(score, np.float32)))
+        assert (figure(scored(scene, tmp_path, of_both), "rmse_px") < 2) is right
 
 
 def test_coverage_stands_next_to_every_figure(
@@ -100,7 +103,7 @@ def test_coverage_stands_next_to_every_figure(
     pair, uv_a, uv_b = true_matches(scene)
     some = pair < 2
     table = matches_table(pair[some], uv_a[some], uv_b[some])
-    path = scene.submit(tmp_path / "m.parquet", table, kind="matches")
+    path = submitted(scene, tmp_path, table)
     out = tmp_path / "report"
     assert run(["evaluate", str(path), "--data", str(scene.root), "--out", str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -111,8 +114,7 @@ def test_coverage_stands_next_to_every_figure(
 
 def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) -> None:
     nothing = np.empty((0, 2))
-    path = scene.submit(tmp_path / "m.parquet", matches_table([], nothing, nothing), kind="matches")
-    scores = evaluate(path, scene.root)
+    scores = scored(scene, tmp_path, matches_table([], nothing, nothing))
     assert scores.document["coverage"] == 0
     assert scores.overall["rmse_px"] is None
     assert scores.overall["match_coverage"] == 0
@@ -121,23 +123,19 @@ def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) ->
 def test_bad_rows_are_named(scene: Any, tmp_path: Path) -> None:
     uv = np.array([[1.0, 2.0], [np.nan, 2.0], [3.0, np.inf]])
     table = matches_table([0, 1, 99], uv, uv)
-    problems = inspect(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
+    problems = inspect(submitted(scene, tmp_path, table), scene.root)
     assert problems.counts == {"VALUE_NOT_FINITE": 4, "ROW_UNKNOWN": 1}
     assert any("row 2 (pair 99)" in issue.where for issue in problems.issues())
 
 
 def test_the_kind_must_fit_the_protocol(scene: Any, tmp_path: Path) -> None:
-    pair, uv_a, uv_b = true_matches(scene)
-    path = scene.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
     with pytest.raises(CallError, match="scores submissions of kind answers; found kind matches"):
-        evaluate(path, scene.root, protocol="paper")
+        scored(scene, tmp_path, matches_table(*true_matches(scene)), protocol="paper")
     with pytest.raises(CallError, match="kind matches; found kind answers"):
-        evaluate(scene.submit(tmp_path / "a.parquet"), scene.root, protocol="matches")
+        scene.score(tmp_path, protocol="matches")
 
 
 def test_without_surface_images_matches_cannot_be_scored(scene_maker: Any, tmp_path: Path) -> None:
     bare = scene_maker(tmp_path / "data", images=False)
-    pair, uv_a, uv_b = true_matches(bare)
-    path = bare.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
     with pytest.raises(SpecError, match="surface images, and one is missing"):
-        evaluate(path, bare.root)
+        scored(bare, tmp_path, matches_table(*true_matches(bare)))

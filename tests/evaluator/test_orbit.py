@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.evaluator import evaluate
 from pliant.spec.tables import ANSWERS_OPTIONAL
 from tests.evaluator.figures import figure
 
@@ -32,7 +31,7 @@ def asked(scene: Any) -> dict[int, np.ndarray]:
 
 
 def scores_of(
-    scene: Any, path: Path, weights: tuple[float, float], at_partner: dict[int, np.ndarray]
+    scene: Any, folder: Path, weights: tuple[float, float], at_partner: dict[int, np.ndarray]
 ) -> dict[str, float]:
     """Score answers with one mode at the truth and one at the first partner.
 
@@ -50,7 +49,7 @@ def scores_of(
         uv[row] = place
     column = pa.array(modes, ANSWERS_OPTIONAL.field("modes").type)
     table = scene.table(uv.astype(np.float32)).append_column("modes", column)
-    scores = evaluate(scene.submit(path, table), scene.root)
+    scores = scene.score(folder, table)
     return {name: figure(scores, name) for name in NAMES}
 
 
@@ -59,7 +58,7 @@ def test_a_coin_between_two_places(scene: Any, tmp_path: Path) -> None:
     points = asked(scene)
     two = {row: at[0] for row, at in points.items() if len(at) == 1}
     flipped = dict(list(two.items())[::2])
-    found = scores_of(scene, tmp_path / "s.parquet", (0.5, 0.5), flipped)
+    found = scores_of(scene, tmp_path, (0.5, 0.5), flipped)
     assert found["orbit_pck_8px"] == 1
     assert found["flip_rate_8px"] == pytest.approx(len(flipped) / len(points))
     assert found["mass_8px"] == pytest.approx(0.5, abs=1e-6)

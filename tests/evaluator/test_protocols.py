@@ -57,15 +57,14 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
     families = [metric_class(name).figures(each) for name, each in protocol.settings.items()]
     assert sum(map(len, families)) == len(protocol.figures), "two metrics share a name"
     if protocol.kind == "answers":
-        scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol=name)
-        assert set(protocol.headline) <= set(scores.overall)
+        assert set(protocol.headline) <= set(scene.score(tmp_path, protocol=name).overall)
 
 
 def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None:
     with pytest.raises(
         CallError, match="no such protocol; found 'best'; required: auc, matches, paper"
     ):
-        evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="best")
+        scene.score(tmp_path, protocol="best")
 
 
 def test_the_committed_submission_keeps_its_score() -> None:
@@ -117,7 +116,7 @@ def test_the_truth_scores_perfectly_in_every_tier(name: str, scene: Any, tmp_pat
     table = scene.table(
         visible=scene.visible.astype(np.float32), sigma=np.full(scene.rows, 0.5, np.float32)
     )
-    scores = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root, protocol=name)
+    scores = scene.score(tmp_path, table, protocol=name)
     check_document(scores.document)
     perfect = {
         **dict.fromkeys(("rmse_px", "rmse_px_mean_over_pairs", "mean_px", "p95_px"), 0),

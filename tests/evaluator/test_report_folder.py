@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from pliant.evaluator import evaluate, read_scores, write_report
+from pliant.evaluator import read_scores, write_report
 from pliant.spec.errors import SubmissionError
 
 
 def test_files_of_two_reports_are_refused(scene: Any, tmp_path: Path) -> None:
     for name, off in (("a", 3), ("b", 5)):
-        path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + off))
-        write_report(evaluate(path, scene.root, protocol="paper"), tmp_path / name)
+        scores = scene.score(tmp_path, scene.table(scene.true_px + off), protocol="paper")
+        write_report(scores, tmp_path / name)
     for mixed in ("per_pair.parquet", "report.html"):
         folder = tmp_path / mixed
         shutil.copytree(tmp_path / "a", folder)

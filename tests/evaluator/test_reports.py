@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, read_scores, write_report
+from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.spec.errors import CallError, SubmissionError
@@ -55,14 +56,13 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-def submit(scene: Any, folder: Path, name: str, spread_px: float, uneven: float) -> Path:
-    """Submit the truth with noise, by `uneven` more in every other pair and less between."""
+def noisy(scene: Any, spread_px: float, uneven: float) -> pa.Table:
+    """Return the truth with noise, by `uneven` more in every other pair and less between."""
     rng = np.random.default_rng(0)
     factor = np.where(scene.pair % 2, 1 + uneven, 1 - uneven)[:, None]
     uv = scene.true_px + factor * rng.normal(0, spread_px, (scene.rows, 2))
     sigma = rng.uniform(0.5, 2, scene.rows).astype(np.float32) * np.float32(spread_px)
-    table = scene.table(uv, sigma=sigma)
-    return scene.submit(folder / f"{name}.parquet", table, method={"name": name, "seed": 0})
+    return scene.table(uv, sigma=sigma)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def reports(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports")
     scene = scene_maker(folder / "data", sequences=8, frames=2, queries=16)
     for name, spread, uneven in (("near", 3.0, 0.0), ("nearly", 3.0, 0.1), ("far", 12.0, 0.0)):
-        scores = evaluate(submit(scene, folder, name, spread, uneven), scene.root)
+        scores = scene.score(folder, noisy(scene, spread, uneven), name=name)
         write_report(scores, folder / "reports" / name, data=scene.root)
     return folder / "reports"
 
@@ -83,7 +83,6 @@ def test_a_report_holds_three_files_and_reads_back(reports: Path) -> None:
     ]  # fmt: skip
     scores = read_scores(folder)
     assert scores.method == "near"
-    assert scores.document["submission"]["method"]["seed"] == 0
     assert scores.per_pair.num_rows == scores.document["counts"]["pairs"] == 16
     table = scores.per_pair.to_pylist()
     assert sum(row["queries"] for row in table) == scores.document["counts"]["queries"]
@@ -115,13 +114,13 @@ def test_a_report_without_images_or_distribution_is_complete(
 ) -> None:
     bare = scene_maker(tmp_path / "data", images=False, tiers=("rope",))
     for protocol in ("paper", "tapvid", "standard"):
-        scores = evaluate(bare.submit(tmp_path / "s.parquet"), bare.root, protocol=protocol)
+        scores = bare.score(tmp_path, protocol=protocol)
         write_report(scores, tmp_path / protocol, data=bare.root)
         assert Page((tmp_path / protocol / "report.html").read_text()).open == []
 
 
 def test_a_report_never_overwrites_something_else(scene: Any, tmp_path: Path) -> None:
-    scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="paper")
+    scores = scene.score(tmp_path, protocol="paper")
     target = tmp_path / "mine"
     target.mkdir()
     (target / "thesis.tex").write_text("precious")
@@ -169,11 +168,8 @@ def test_pairing_cancels_what_is_hard_for_both(scene_maker: Any, tmp_path: Path)
     noise = rng.normal(0, 1, (scene.rows, 2)) * hard[:, None]
     scores = []
     for name, factor in (("good", 1.0), ("bad", 1.05)):
-        path = scene.submit(
-            tmp_path / f"{name}.parquet", scene.table(scene.true_px + noise * factor),
-            method={"name": name},
-        )  # fmt: skip
-        scores.append(evaluate(path, scene.root, protocol="paper"))
+        table = scene.table(scene.true_px + noise * factor)
+        scores.append(scene.score(tmp_path, table, name=name, protocol="paper"))
     low, high = scores[0].document["intervals"]["overall"]["rmse_px"]
     assert low < scores[1].overall["rmse_px"] < high  # the intervals alone could not tell
     first = differences(scores, ["rmse_px"])[0]
@@ -182,11 +178,10 @@ def test_pairing_cancels_what_is_hard_for_both(scene_maker: Any, tmp_path: Path)
 
 def test_reports_that_do_not_compare_are_refused(reports: Path, scene: Any, tmp_path: Path) -> None:
     near = read_scores(reports / "near")
-    path = scene.submit(tmp_path / "s.parquet", method={"name": "other"})
-    elsewhere = evaluate(path, scene.root)
+    elsewhere = scene.score(tmp_path, name="other")
     with pytest.raises(CallError, match="other queries cannot be held against each other"):
         render_leaderboard([near, elsewhere])
-    paper = evaluate(path, scene.root, protocol="paper")
+    paper = scene.score(tmp_path, protocol="paper")
     with pytest.raises(CallError, match="different protocols"):
         differences([elsewhere, paper])
     with pytest.raises(CallError, match="only averaged metrics"):
@@ -225,8 +220,7 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     scene = scene_maker(tmp_path / "data", sequences=2, images=False)
     for name, off in (("far", 9.0), ("near", 3.0), ("middle", 6.0)):
         table = scene.table(scene.true_px + np.array([off, 0]))
-        path = scene.submit(tmp_path / "s.parquet", table, method={"name": name})
-        write_report(evaluate(path, scene.root), tmp_path / "reports" / name)
+        write_report(scene.score(tmp_path, table, name=name), tmp_path / "reports" / name)
     metrics = ["--metric", "rmse_px", "--metric", "pck_8px"]
     assert run(["compare", str(tmp_path / "reports"), *metrics]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import permutation_test
 
-from pliant.evaluator import evaluate
 from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.crossing import Crossing
@@ -121,11 +120,8 @@ def test_level_of_crossed_pairs(count: int) -> None:
 def test_reports_of_few_sequences_get_no_verdict(scene: Any, tmp_path: Path) -> None:
     scores = []
     for name, offset_px in (("good", 1.0), ("bad", 40.0)):
-        path = scene.submit(
-            tmp_path / f"{name}.parquet", scene.table(scene.true_px + offset_px),
-            method={"name": name},
-        )  # fmt: skip
-        scores.append(evaluate(path, scene.root, protocol="paper"))
+        table = scene.table(scene.true_px + offset_px)
+        scores.append(scene.score(tmp_path, table, name=name, protocol="paper"))
     found = {item.group: item for item in differences(scores, ["rmse_px"])}
     assert found["rope"].verdict == "too few sequences"  # 3 sequences
     assert found["rope"].as_dict()["low"] is None
@@ -134,7 +130,7 @@ def test_reports_of_few_sequences_get_no_verdict(scene: Any, tmp_path: Path) -> 
 
 
 def test_a_report_without_a_column_is_refused(scene: Any, tmp_path: Path) -> None:
-    whole = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="paper")
+    whole = scene.score(tmp_path, protocol="paper")
     part = Scores(whole.document, whole.per_pair.drop_columns(["sum_squared_px2"]))
     with pytest.raises(SpecError, match="lacks a column of a metric") as caught:
         differences([whole, part], ["rmse_px"])

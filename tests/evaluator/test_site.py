@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, write_report
+from pliant.evaluator import write_report
 from pliant.evaluator.scores import read_scores
 
 
@@ -23,8 +23,8 @@ def reports(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(0)
     for name, error_px in (("mine & co", 3.0), ("mine? co", 9.0)):
         table = scene.table(scene.true_px + rng.normal(0, error_px, (scene.rows, 2)))
-        path = scene.submit(folder / "s.parquet", table, method={"name": f"<{error_px:g} px>"})
-        write_report(evaluate(path, scene.root), folder / name, data=scene.root)
+        scores = scene.score(folder, table, name=f"<{error_px:g} px>")
+        write_report(scores, folder / name, data=scene.root)
     return folder
 
 
@@ -78,8 +78,7 @@ def test_hidden_truth_stays_hidden(reports: Path, scene: Any, tmp_path: Path) ->
     assert run(["leaderboard", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
     capped = tmp_path / "capped"
     for name, error_px in (("mine & co", 3.0), ("mine? co", 9.0)):
-        path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + error_px))
-        scores = evaluate(path, scene.root, hide_truth=True)
+        scores = scene.score(tmp_path, scene.table(scene.true_px + error_px), hide_truth=True)
         write_report(scores, capped / name, data=scene.root)
     hidden = served(capped, tmp_path / "hidden", "--hide-truth")
     page = (hidden / "index.html").read_text()
@@ -106,8 +105,7 @@ def test_no_text_of_a_hidden_site_has_more_than_four_digits(scene: Any, tmp_path
     capped = tmp_path / "capped"
     for name, error_px in (("m", 93.1234), ("identity", 95.4321), ("centroid", 1.234567)):
         table = scene.table(scene.true_px + error_px)
-        path = scene.submit(tmp_path / "s.parquet", table, method={"name": name})
-        write_report(evaluate(path, scene.root, hide_truth=True), capped / name)
+        write_report(scene.score(tmp_path, table, name=name, hide_truth=True), capped / name)
     site = served(capped, tmp_path / "site", "--hide-truth", "--title", "Who is first?")
     board = (site / "index.html").read_text()
     assert "<h1>Who is first?</h1>" in board

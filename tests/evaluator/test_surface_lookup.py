@@ -95,11 +95,3 @@ def test_worker_processes_change_no_byte(scene: Any, tmp_path: Path) -> None:
 def test_the_number_of_workers_is_checked(scene: Any, tmp_path: Path) -> None:
     with pytest.raises(CallError, match="workers"):
         evaluate(tmp_path / "s.parquet", scene.root, workers=0)
-
-
-def test_what_a_pixel_spans(scene: Any) -> None:
-    """A cloth of 0.8 m by 0.5 m is 96 px by 60 px; turned, its pixels span as much."""
-    name = scene.queries["sequence_b"][0].as_py()
-    assert name.startswith("cloth")
-    found = surfaces.Surfaces(scene.dataset)._step_m(name, 1)
-    assert found == pytest.approx(0.8 / 96, rel=1e-4)

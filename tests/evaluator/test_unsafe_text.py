@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, inspect
+from pliant.evaluator import inspect
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.evaluator.report.report import render_report
 from pliant.spec.dataset import Dataset
@@ -119,7 +119,7 @@ def test_a_file_name_cannot_control_the_terminal(
 
 def test_pages_escape_names(scene: Any, tmp_path: Path) -> None:
     name = "evil\u202e\ud800<script>"
-    scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root)
+    scores = scene.score(tmp_path)
     scores.document["submission"]["method"] |= {"name": name, "author": name}
     for page in (render_report(scores), render_leaderboard([scores])):
         page.encode("utf-8")

@@ -14,7 +14,6 @@ from pliant.spec.dataset import Dataset
 PROGRAM = """
 import resource, sys
 from pathlib import Path
-import pytest
 
 from pliant.loaders import FrameStore
 from pliant.spec.dataset import Dataset

@@ -9,7 +9,6 @@ from pliant.loaders import AugmentSettings, FrameStore, PairDataset, PairSetting
 from pliant.loaders.orientation import Orientation
 from pliant.spec.dataset import Dataset
 from pliant.spec.model import MaterialCoordinate, MaterialObject
-from tests.loaders.sheet_dataset import sheet_map
 
 PLAIN = MaterialCoordinate("u", 0.0, 1.0, 1.0)
 FLAT = MaterialObject(1, "sheet", (PLAIN, PLAIN))
@@ -83,14 +82,3 @@ def test_samples_carry_them_through_augmentation(sheet_dataset: Dataset, turned:
         np.testing.assert_allclose(after, expected, atol=5e-3)
         angles.append(math.degrees(math.atan2(linear[1, 0], linear[0, 0])))
     assert max(angles) - min(angles) > (90 if turned else 5)
-
-
-def test_the_sheet_of_a_sample_runs_as_it_was_laid(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(
-        FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size), orientation=True
-    )
-    sample = pairs[0]
-    for view, frame in enumerate(sample["frames"].tolist()):
-        edge = sheet_map(frame, 0, sheet_dataset.size, 0.0)[:, 0]
-        expected = np.tile(edge / np.linalg.norm(edge), (pairs.settings.queries, 1))
-        np.testing.assert_allclose(sample["orientation"][view, :, :2].numpy(), expected, atol=2e-3)

@@ -22,7 +22,6 @@ from pliant.loaders import (
 from pliant.loaders.pairs import Pairing
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.errors import CallError
-from pliant.spec.surface_search import SurfaceSearch
 from tests.loaders.sheet_dataset import sheet_map, write_sheet_dataset
 
 SIZE = (80, 60)
@@ -89,17 +88,6 @@ def test_partners_are_the_points_across_the_sheet(sheet_dataset: Dataset) -> Non
     material = (sample["uv_px"][0].double().numpy() - affine[:, 2]) @ inverse.T  # (Q, 2, 2)
     np.testing.assert_allclose(material[:, 1], 1 - material[:, 0], atol=1e-5)
     np.testing.assert_allclose(material, sample["material"], atol=1e-5)
-
-
-def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
-    """The tables and the surface images are two tellings of one truth."""
-    store = pairs_of(sheet_dataset, size=sheet_dataset.size).store
-    view = store.view(1)
-    material = store.material[view.visible].astype(np.float64)
-    surface = store.frames[1].sequence.surface(0)
-    uv, found = SurfaceSearch(store.tier.queried, surface).find(material)
-    assert found.mean() > 0.9
-    np.testing.assert_allclose(uv[found], view.uv_px[view.visible][found], atol=2e-3)
 
 
 def test_sample_depends_on_seed_and_number_alone(sheet_dataset: Dataset) -> None:

@@ -37,36 +37,18 @@ def test_hidden_points_are_not_found(sheet_dataset: Dataset) -> None:
 
 
 def test_an_unseen_object_gives_nothing() -> None:
-    empty = Surface(
-        np.full((4, 4), np.inf, np.float32),
-        np.zeros((4, 4), np.float32),
-        np.zeros((4, 4), np.float32),
-        np.zeros((4, 4), np.uint32),
-    )
+    zero = np.zeros((4, 4), np.float32)
+    empty = Surface(zero + np.inf, zero, zero, np.zeros((4, 4), np.uint32))
     _, found = SurfaceSearch(SHEET, empty).find(np.array([[0.5, 0.5]]))
     assert found.tolist() == [False]
 
 
-ROPE = Tier(
-    name="rope",
-    kind="rope",
-    variant="plain",
-    queried_object=1,
-    objects=(
-        MaterialObject(
-            1,
-            "rope",
-            (
-                MaterialCoordinate("s", 0.0, 1.0, 1.2),
-                MaterialCoordinate("theta", -np.pi, np.pi, 0.01, 2 * np.pi),
-            ),
-        ),
-    ),
-    symmetries=(Symmetry("reversal", ((-1, 0), (0, -1)), (1, 0)),),
-)
-SHEET = MaterialObject(
-    1, "sheet", (MaterialCoordinate("u", 0.0, 1.0, 1.0), MaterialCoordinate("v", 0.0, 1.0, 1.0))
-)
+LENGTH = MaterialCoordinate("s", 0.0, 1.0, 1.2)
+ANGLE = MaterialCoordinate("theta", -np.pi, np.pi, 0.01, 2 * np.pi)
+REVERSAL = Symmetry("reversal", ((-1, 0), (0, -1)), (1, 0))
+ROPE = Tier("rope", "rope", "plain", 1, (MaterialObject(1, "rope", (LENGTH, ANGLE)),), (REVERSAL,))
+SIDE = MaterialCoordinate("u", 0.0, 1.0, 1.0)
+SHEET = MaterialObject(1, "sheet", (SIDE, SIDE))
 
 
 def test_angles_wrap_and_units_are_metres() -> None:
