@@ -10,9 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.benchmarks.conftest import script
-
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+from tests.benchmarks.conftest import BENCHMARKS, script
 
 
 @pytest.fixture(scope="module")

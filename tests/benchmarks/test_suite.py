@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,11 +13,16 @@ import yaml
 from click.testing import CliRunner
 
 from pliant.benchmarks.suite import run as suite_run
-from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, set_checksums
+from pliant.benchmarks.suite.checksums import (
+    Differences,
+    compare_checksums,
+    read_frozen,
+    set_checksums,
+)
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
 from pliant.benchmarks.suite.page import results_page, write_results
 from pliant.benchmarks.suite.run import run_benchmark
-from pliant.benchmarks.suite.table import arms, best, blocks, finished_rows
+from pliant.benchmarks.suite.table import Row, arms, best, blocks, finished_rows
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.cli.main import cli, run
 from pliant.spec.errors import CallError, TrainingError
@@ -31,9 +37,20 @@ def _quick_shipped_model(quick_run: Path) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recorder]:
+class Made(NamedTuple):
     """A finished benchmark, which was interrupted once on its way."""
+
+    config: BenchmarkConfig
+    work: Workspace
+    watcher: Recorder
+
+    @property
+    def rows(self) -> list[Row]:
+        return finished_rows(self.config, self.work)
+
+
+@pytest.fixture(scope="module")
+def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Made:
     out = tmp_path_factory.mktemp("made") / "out"
     config, watcher = read_config(config_file), Recorder()
     watcher.interrupt_at = "more-contrastive"
@@ -42,14 +59,14 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
             run_benchmark(config, out, workers=1, watcher=watcher)
         watcher.interrupt_at = None
         run_benchmark(config, out, resume=True, workers=1, watcher=watcher)
-    return out, watcher
+    return Made(config, Workspace(out), watcher)
 
 
 @pytest.fixture(scope="module")
-def written(config_file: Path, made: tuple[Path, Recorder]) -> tuple[str, str]:
+def written(made: Made) -> tuple[str, str]:
     """The page and the report of the finished benchmark."""
-    config, out = read_config(config_file), made[0]
-    write_results(config, out, compare_checksums(config, Workspace(out)), "pliant benchmark")
+    config, work, out = made.config, made.work, made.work.root
+    write_results(config, out, compare_checksums(config, work), "pliant benchmark")
     return (out / "results.md").read_text(), (out / "report" / "index.html").read_text()
 
 
@@ -79,18 +96,16 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
 
 
 @pytest.mark.long
-def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
-    made: tuple[Path, Recorder],
-) -> None:
-    _, watcher = made
+def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(made: Made) -> None:
+    watcher = made.watcher
     assert watcher.begun[:2] == [("generate", 2, 0), ("train", 4, 0)]
     assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 34, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
 
-def test_table_and_page(config_file: Path, made: tuple[Path, Recorder]) -> None:
-    out, _ = made
+def test_table_and_page(config_file: Path, made: Made) -> None:
+    out = made.work.root
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     called = ["benchmark", str(config_file), "--out", str(out), "--resume", "--workers", "1"]
     result = CliRunner().invoke(cli, [*called, "--json"])
@@ -148,24 +163,15 @@ def test_report_shows_tables_and_pictures(written: tuple[str, str]) -> None:
     assert "The ten best matches" in report
 
 
-def test_what_was_not_run_is_listed(config_file: Path, made: tuple[Path, Recorder]) -> None:
-    config, work = read_config(config_file), Workspace(made[0])
-    note = work.root / "stages" / "answer--rope--sift--none.json"
-    kept = note.read_text()
-    try:
-        note.unlink()
-        rows = finished_rows(config, work)
-        text = results_page(config, work, rows, compare_checksums(config, work), "a command")
-        assert "- Rope: clean: image alone: sift\n" in text
-    finally:
-        note.write_text(kept)
+def test_what_was_not_run_is_listed(made: Made) -> None:
+    rows = [row for row in made.rows if (row.test, row.method) != ("rope", "sift")]
+    rows += [row for row in made.rows if row.method == "sift" and row.entry.track != "none"]
+    text = results_page(made.config, made.work, rows, Differences(False, {}), "a command")
+    assert "- Rope: clean: image alone: sift\n" in text
 
 
-def test_controls_compete_with_what_is_not_learned(
-    config_file: Path, made: tuple[Path, Recorder]
-) -> None:
-    config = read_config(config_file)
-    found = blocks(config, finished_rows(config, Workspace(made[0])))
+def test_controls_compete_with_what_is_not_learned(made: Made) -> None:
+    found = blocks(made.config, made.rows)
     assert [(each[0].test, each[0].entry.track) for each in found] == [
         ("rope", "none"), ("rope", "none"), ("rope-image", "none"),
         ("rope", "given"), ("rope", "given"), ("rope-seeds", "given"),
@@ -179,12 +185,11 @@ def test_controls_compete_with_what_is_not_learned(
 
 
 def test_seeds_are_trained_each_and_reported_as_their_mean(
-    config_file: Path, made: tuple[Path, Recorder], written: tuple[str, str]
+    made: Made, written: tuple[str, str]
 ) -> None:
-    config = read_config(config_file)
+    config, rows = made.config, made.rows
     assert config.members("twice") == ("twice-0", "twice-1")
     assert [config.runs[name].settings["seed"] for name in config.members("twice")] == [0, 1]
-    rows = finished_rows(config, Workspace(made[0]))
     single = [row for row in rows if row.test == "rope-seeds" and not row.entry.is_blank]
     (row,) = arms(single)
     errors = [each.value("standard", "rmse_px") or 0.0 for each in single]
@@ -205,10 +210,9 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
     assert f"{pooled - against:+.1f}" in line
 
 
-def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) -> None:
-    out, _ = made
+def test_masks_are_withheld_where_a_test_says_so(made: Made) -> None:
     facts = {
-        name: read_footer(out / f"answers/rope/{name}.parquet")["method"]
+        name: read_footer(made.work.root / f"answers/rope/{name}.parquet")["method"]
         for name in ("twice-0--none", "small--given", "small--given--blank")
     }
     assert [each["mask"] for each in facts.values()] == ["none", "given", "given"]
@@ -217,10 +221,9 @@ def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) ->
 
 
 def test_frozen_checksums(
-    config_file: Path, made: tuple[Path, Recorder], capsys: pytest.CaptureFixture[str]
+    config_file: Path, made: Made, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, _ = made
-    config, work = read_config(config_file), Workspace(out)
+    config, work, out = made.config, made.work, made.work.root
     assert not compare_checksums(config, work).frozen
     frozen = config_file.parent / "thumb.sha256.json"
     try:
@@ -245,24 +248,17 @@ def test_frozen_checksums(
         frozen.unlink()
 
 
-def test_the_same_config_gives_the_same_queries(
-    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
-) -> None:
-    out, _ = made
-    config = read_config(config_file)
-    noisy = {"rope-noisy": config.sets["rope-noisy"]}
-    one = config.replace(sets=noisy, runs={}, tests={}, comparisons=())
+def test_the_same_config_gives_the_same_queries(made: Made, tmp_path: Path) -> None:
+    noisy = {"rope-noisy": made.config.sets["rope-noisy"]}
+    one = made.config.replace(sets=noisy, runs={}, tests={}, comparisons=())
     with jobs_here():
         run_benchmark(one, tmp_path / "again", workers=1, until="generate", watcher=Recorder())
     again = set_checksums(tmp_path / "again" / "sets" / "rope-noisy")
-    assert again == set_checksums(out / "sets" / "rope-noisy")
+    assert again == set_checksums(made.work.set_path("rope-noisy"))
 
 
-def test_folders_that_cannot_be_taken(
-    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
-) -> None:
-    out, _ = made
-    config = read_config(config_file)
+def test_folders_that_cannot_be_taken(made: Made, tmp_path: Path) -> None:
+    config, out = made.config, made.work.root
 
     def make(config: BenchmarkConfig, folder: Path, resume: bool = False) -> None:
         run_benchmark(config, folder, resume=resume, workers=1, watcher=Recorder())
