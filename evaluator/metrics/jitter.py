@@ -50,8 +50,8 @@ class Jitter(Metric[NoSettings]):
         change = np.where(np.isnan(change), farthest, change)  # an answer is missing
         pairs = self.table.pairs
         total = np.bincount(pair[row], change, pairs)
-        self.table.put("sum_jitter_px", slice(0, pairs), total)
-        self.table.put("jitter_steps", slice(0, pairs), np.bincount(pair[row], minlength=pairs))
+        self.table.put("sum_jitter_px", slice(None), total)
+        self.table.put("jitter_steps", slice(None), np.bincount(pair[row], minlength=pairs))
 
 
 def jitter_px(

@@ -28,8 +28,7 @@ class Counts(Metric[NoSettings]):
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the number of queries of each pair."""
-        queries = self.context.queries
-        self.table.put("queries", slice(0, queries.pairs), np.diff(queries.starts))
+        self.table.put("queries", slice(None), np.diff(self.context.queries.starts))
 
 
 class LocalisationSettings(Settings):

@@ -13,13 +13,10 @@ import numpy as np
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
-from pliant.evaluator.metrics.surface_images import ObjectSurface, nearest_object_pixel
-from pliant.evaluator.metrics.surfaces import Surfaces
+from pliant.evaluator.metrics.surface_images import nearest_object_pixel
 from pliant.evaluator.submission.answers import PlacedMatches
-from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
-from pliant.spec.errors import SpecError
 
 
 class MatchesSettings(Settings):
@@ -51,8 +48,7 @@ class Matches(Metric[MatchesSettings]):
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add which pairs have a match that could be scored."""
-        everything = slice(0, self.table.pairs)
-        self.table.put("matched", everything, self.table.columns["counted"] > 0)
+        self.table.put("matched", slice(None), self.table.columns["counted"] > 0)
 
 
 def match_blocks(
@@ -71,8 +67,13 @@ def match_blocks(
     queries, surfaces = context.queries, context.surfaces
     for pair in np.flatnonzero(np.diff(found.starts)).tolist():
         first, end = int(found.starts[pair]), int(found.starts[pair + 1])
-        source = _surface(surfaces, queries, pair, "a")
-        target = _surface(surfaces, queries, pair, "b")
+        source, target = (
+            surfaces.needed_frame(queries.sequences[sequence[pair]], int(frame[pair]))
+            for sequence, frame in (
+                (queries.sequence_a, queries.frame_a),
+                (queries.sequence_b, queries.frame_b),
+            )
+        )
         queried = surfaces.queried(queries.tiers[queries.tier[pair]])
         truth = dense_truth(source, target, found.uv_a_px[first:end], queried, footprints)
         answer_px = found.uv_b_px[first:end]
@@ -89,16 +90,3 @@ def match_blocks(
             source_on_object=truth.on_object,
             target_on_object=nearest_object_pixel(target.on_object, answer_px, 0)[2],
         )
-
-
-def _surface(surfaces: Surfaces, queries: Queries, pair: int, side: str) -> ObjectSurface:
-    sequence = queries.sequences[getattr(queries, f"sequence_{side}")[pair]]
-    frame = int(getattr(queries, f"frame_{side}")[pair])
-    surface = surfaces.frame(sequence, frame)
-    if surface is None:
-        raise SpecError(
-            "keypoint matches are scored through surface images, and one is missing",
-            path=surfaces.path(sequence, frame),
-            fix="Score where the whole dataset is, or submit answers instead.",
-        )
-    return surface

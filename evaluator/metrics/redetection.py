@@ -48,18 +48,17 @@ class Redetection(Metric[TapvidSettings]):
         pair, point, error, visible, predicted, right = map(
             np.concatenate, zip(*self._gathered, strict=True)
         )
-        queries, pairs = self.context.queries, self.table.pairs
-        since = queries.frame_b.astype(np.int64) - queries.frame_a
+        queries, since = self.context.queries, self.context.queries.elapsed
         source = np.stack([queries.sequence_a, queries.frame_a, np.sign(since)], axis=1)[pair]
         track = np.unique(np.column_stack([source, point]), axis=0, return_inverse=True)[1]
         again = hidden_before(track.reshape(-1), np.abs(since[pair]), ~visible)
         counts = tapvid_pairs(
-            error[again], visible[again], predicted[again], right[again], pair[again], pairs,
-            self.settings,
+            error[again], visible[again], predicted[again], right[again], pair[again],
+            self.table.pairs, self.settings,
         )  # fmt: skip
         columns = counts.columns(self.settings.thresholds)
         for name in ("aj_pair", "jaccard_pair"):
-            self.table.put(f"redetected_{name}", slice(0, pairs), columns[name])
+            self.table.put(f"redetected_{name}", slice(None), columns[name])
         if not again.any():
             summary.notes["aj_redetected"] = "no point is asked after it was hidden"
 

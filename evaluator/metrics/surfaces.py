@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -105,9 +104,20 @@ class Surfaces:
         """Return the object of a tier that queries are on."""
         return self._dataset.tiers[tier].queried
 
-    def path(self, sequence: str, frame: int) -> Path:
-        """Return the path of a frame's surface image, whether or not it exists."""
-        return self._dataset.sequence(sequence).dir / layout.depth_name(frame)
+    def needed_frame(self, sequence: str, frame: int) -> ObjectSurface:
+        """Return the queried object in a frame for which the dataset must have a surface image.
+
+        Raises:
+            SpecError: It has none.
+        """
+        surface = self.frame(sequence, frame)
+        if surface is None:
+            raise SpecError(
+                "keypoint matches are scored through surface images, and one is missing",
+                path=self._dataset.sequence(sequence).dir / layout.depth_name(frame),
+                fix="Score where the whole dataset is, or submit answers instead.",
+            )
+        return surface
 
     def _read(self, name: str, frame: int) -> ObjectSurface | None:
         """Return the queried object in a frame, or None if the dataset has no surface of it."""

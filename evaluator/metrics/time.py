@@ -74,5 +74,4 @@ class Time(Metric[TimeSettings]):
 def elapsed_frames(context: ScoringContext) -> IntArray:
     """Return the frames between source and target of each pair, int64 (P,); 0 where undefined."""
     queries = context.queries
-    between = np.abs(queries.frame_b.astype(np.int64) - queries.frame_a.astype(np.int64))
-    return np.where(queries.in_episode(context.dataset), between, 0)
+    return np.where(queries.in_episode(context.dataset), np.abs(queries.elapsed), 0)

@@ -51,7 +51,7 @@ class Videos(Metric[VideosSettings]):
         self._pairs = Tapvid(settings.tapvid, context)
         self._counted: list[TapvidPairs] = []
         queries = context.queries
-        after = queries.frame_b.astype(np.int64) - queries.frame_a
+        after = queries.elapsed
         evaluated = after > 0 if settings.query_mode == "first" else after != 0
         self._evaluated = evaluated & queries.in_episode(context.dataset)
 
@@ -73,11 +73,8 @@ class Videos(Metric[VideosSettings]):
             counts = np.concatenate([getattr(each, field.name) for each in self._counted])
             sums[field.name] = np.zeros((len(videos), *counts.shape[1:]), np.int64)
             np.add.at(sums[field.name], video, counts[pairs])
-        everything = slice(0, self.context.queries.pairs)
-        for name, values in TapvidPairs(**sums).columns(self.settings.tapvid.thresholds).items():
-            column = np.zeros(self.context.queries.pairs)
+        columns = TapvidPairs(**sums).columns(self.settings.tapvid.thresholds)
+        for name, values in {**columns, "video": np.ones(len(videos))}.items():
+            column = np.zeros(self.table.pairs)
             column[pairs[first]] = values
-            self.table.put(name, everything, column)
-        is_first = np.zeros(self.context.queries.pairs)
-        is_first[pairs[first]] = 1
-        self.table.put("video", everything, is_first)
+            self.table.put(name, slice(None), column)

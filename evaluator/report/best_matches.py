@@ -14,7 +14,6 @@ from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
 from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import read_table
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import RecordedFrame
@@ -69,9 +68,7 @@ def _is_right(
     dataset: Dataset, pair: QueryPair, uv_a: FloatArray, uv_b: FloatArray, radius_px: float
 ) -> BoolArray:
     surfaces = Surfaces(dataset)
-    source, target = (surfaces.frame(*_place(each)) for each in (pair.source, pair.target))
-    if source is None or target is None:
-        raise SpecError("the pair has no surface images", path=dataset.root, where=str(pair))
+    source, target = (surfaces.needed_frame(*_place(each)) for each in (pair.source, pair.target))
     footprints = read_protocol("matches").settings["matches"].visible_within_footprints
     queried = dataset.tiers[pair.source.sequence.tier].queried
     truth = dense_truth(source, target, uv_a, queried, float(footprints))

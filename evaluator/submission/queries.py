@@ -74,6 +74,11 @@ class Queries:
         """Area of the images in square pixels."""
         return float(self.size[0] * self.size[1])
 
+    @property
+    def elapsed(self) -> IntArray:
+        """Frames from the source to the target, int64 (P,); negative backwards."""
+        return self.frame_b.astype(np.int64) - self.frame_a
+
     def temporal(self, dataset: Dataset) -> BoolArray:
         """Return which pairs have a target sequence whose frames are frames in time, bool (P,)."""
         known = np.array([dataset.sequence(name).temporal for name in self.sequences], bool)

@@ -179,7 +179,8 @@ def test_points_are_read_once_per_tier() -> None:
     np.testing.assert_array_equal(first, [[0, 0], [1, 0], [2, 0], [3, 4]])
     assert found.point_material("r") is found.point_material("s") is first
     assert dataset.read == ["s"]
-    assert found.path("s", 1) == Path("s") / layout.depth_name(1)
+    with pytest.raises(SpecError, match=f"q/{layout.depth_name(1)}: .* and one is missing"):
+        found.needed_frame("q", 1)
 
 
 def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
@@ -225,8 +226,7 @@ def test_matches_by_hand() -> None:
     half = surface([[0, 1, NAN], [NAN] * 3])
     frames: Any = {("s", 4): SEEN, ("r", 5): half, ("r", 0): half, ("s", 0): SEEN}
     made = Split(queries, np.zeros((9, 2)), surfaces=SimpleNamespace(
-        frame=lambda *place: frames[place], queried=lambda _: SHEET,
-        path=lambda name, frame: Path(name) / str(frame),
+        needed_frame=lambda *place: frames[place], queried=lambda _: SHEET,
     ))  # fmt: skip
     first, second = match_blocks(found, made.context, 0.5)
     assert (first.first_row, first.first_pair, first.starts.tolist()) == (0, 1, [0, 3])
@@ -249,10 +249,6 @@ def test_matches_by_hand() -> None:
     made.context.table.put("counted", slice(0, 3), np.array([0, 1, 2]))
     metric.finish(None, None)  # type: ignore[arg-type]
     assert made.column("matched") == [0, 1, 1]
-    frames["r", 5] = None
-    with pytest.raises(SpecError, match="one is missing") as caught:
-        list(match_blocks(found, made.context, 0.5))
-    assert "r/5" in str(caught.value)
 
 
 def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
