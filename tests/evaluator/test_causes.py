@@ -49,37 +49,6 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """One visible query with what its target frame shows, from the tables of points alone.
-
-    Attributes:
-        row: Its row.
-        tier: Its tier.
-        true_px: (2,), the truth.
-        partners_px: (S, 2), where its symmetric partners are.
-        points_px: (P, 2), where the visible points of the object are.
-        steps_m: (P, 2), from its material to theirs along both coordinates.
-        near_object: bool (H, W), the object and 5 px around it.
-    """
-
-    row: int
-    tier: str
-    true_px: np.ndarray
-    partners_px: np.ndarray
-    points_px: np.ndarray
-    steps_m: np.ndarray
-    near_object: np.ndarray
-
-    @property
-    def apart_px(self) -> np.ndarray:
-        return np.linalg.norm(self.points_px - self.true_px, axis=1)
-
-    def away_from_partners(self, places: np.ndarray) -> np.ndarray:
-        gap = np.linalg.norm(places[:, None] - self.partners_px[None], axis=-1)
-        return gap.min(axis=1, initial=np.inf) > 17
-
-
-@dataclass(frozen=True)
 class Target:
     """What a target frame shows: its points, from the tables, and where its object is.
 
@@ -94,6 +63,40 @@ class Target:
     points_px: np.ndarray
     material: np.ndarray
     near_object: np.ndarray
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One visible query with what its target frame shows, from the tables of points alone.
+
+    Attributes:
+        row: Its row.
+        tier: Its tier.
+        true_px: (2,), the truth.
+        partners_px: (S, 2), where its symmetric partners are.
+        target: Its target frame.
+        steps_m: (P, 2), from its material to that of the frame's points along both coordinates.
+    """
+
+    row: int
+    tier: str
+    true_px: np.ndarray
+    partners_px: np.ndarray
+    target: Target
+    steps_m: np.ndarray
+
+    @property
+    def apart_px(self) -> np.ndarray:
+        return np.linalg.norm(self.target.points_px - self.true_px, axis=1)
+
+    def point(self, rng: np.random.Generator, wanted: np.ndarray) -> np.ndarray | None:
+        """Draw one of the wanted points that are not near a partner."""
+        places = self.target.points_px
+        return some(rng, places, wanted & self.away_from_partners(places))
+
+    def away_from_partners(self, places: np.ndarray) -> np.ndarray:
+        gap = np.linalg.norm(places[:, None] - self.partners_px[None], axis=-1)
+        return gap.min(axis=1, initial=np.inf) > 17
 
 
 def target_of(sequence: SequenceRecord, frame: int) -> Target:
@@ -140,13 +143,8 @@ def asked_of(root: Path) -> list[Asked]:
                 steps[:, axis] -= each.period * np.round(steps[:, axis] / each.period)
             steps[:, axis] *= each.metres_per_unit
         partners = [(a["u"], a["v"]) for a in true["alternatives"] or []]
-        found.append(
-            Asked(
-                row, query["tier"], np.array([true["u_b"], true["v_b"]]),
-                np.array(partners).reshape(-1, 2), target.points_px, np.abs(steps),
-                target.near_object,
-            )
-        )  # fmt: skip
+        at, partners_px = np.array([true["u_b"], true["v_b"]]), np.array(partners).reshape(-1, 2)
+        found.append(Asked(row, query["tier"], at, partners_px, target, np.abs(steps)))
     return found
 
 
@@ -169,10 +167,10 @@ def flipped(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
 def off_object(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
     """A place of the background, up to 60 px from the truth, 5 px from the object."""
     places = asked.true_px + rng.uniform(-60, 60, (200, 2))
-    inside = ((places >= 0) & (places < asked.near_object.shape[::-1])).all(axis=1)
-    places = places[inside]
+    near_object = asked.target.near_object
+    places = places[((places >= 0) & (places < near_object.shape[::-1])).all(axis=1)]
     column, row = places.astype(int).T
-    background = ~asked.near_object[row, column]
+    background = ~near_object[row, column]
     return some(rng, places, background & asked.away_from_partners(places))
 
 
@@ -180,7 +178,7 @@ def layered(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
     """A point at most 30 px away that is at least 0.2 m away on the material."""
     near = (asked.apart_px > 5) & (asked.apart_px < 30)
     far = np.hypot(*asked.steps_m.T) > 0.2
-    return some(rng, asked.points_px, near & far & asked.away_from_partners(asked.points_px))
+    return asked.point(rng, near & far)
 
 
 def across(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
@@ -188,13 +186,13 @@ def across(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
     if asked.tier != "rope":
         return None
     same = (asked.steps_m[:, 0] < 0.002) & (asked.apart_px > 5)
-    return some(rng, asked.points_px, same & asked.away_from_partners(asked.points_px))
+    return asked.point(rng, same)
 
 
 def along(asked: Asked, rng: np.random.Generator) -> np.ndarray | None:
     """A point farther away than any neighbouring strand."""
     far = (asked.apart_px > 40) & (asked.steps_m[:, 0] > 0.05)
-    return some(rng, asked.points_px, far & asked.away_from_partners(asked.points_px))
+    return asked.point(rng, far)
 
 
 CONSTRUCTED: dict[str, Callable[[Asked, np.random.Generator], np.ndarray | None]] = {

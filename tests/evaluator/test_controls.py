@@ -8,16 +8,16 @@ import pytest
 from pliant.evaluator.controls import Controls
 from tests.evaluator.hand_made import Split, split
 
-# Two pairs. Pair 0: three visible points on a line, 10 px apart, and a hidden one. Pair 1: one
-# point. All of them move by (3, 4) from the source to the target, so `identity` errs by 5 px.
-TRUE = np.array([[10, 20], [20, 20], [30, 20], [500, 500], [7, 8]], float)
+# Two pairs. Pair 0: one point. Pair 1: three visible points on a line, 10 px apart, and a hidden
+# one. All of them move by (3, 4) from the source to the target, so `identity` errs by 5 px.
+TRUE = np.array([[7, 8], [10, 20], [20, 20], [30, 20], [500, 500]], float)
 
 
 def said(
     error_px: float, *, moved: tuple[float, float] = (3, 4), method: str = "sift"
 ) -> str | None:
     answer_px = TRUE + np.array([error_px, 0])
-    made = Split(split([4, 1]), answer_px, TRUE, hidden=[3], uv_a_px=TRUE - moved)
+    made = Split(split([1, 4]), answer_px, TRUE, hidden=[4], uv_a_px=TRUE - moved)
     controls = Controls(5)
     controls.update(made.block(0, 2))
     return controls.sentence(method)
@@ -36,7 +36,7 @@ def test_standing_still_is_named_with_its_errors() -> None:
 
 
 @pytest.mark.parametrize(("control", "errors"), [
-    # The other two points' middle: 15, 0 and 15 px; the only point of pair 1 counts as answered.
+    # The other two points' middle: 15, 0 and 15 px; the only point of pair 0 counts as answered.
     ("centroid", f"RMSE {np.sqrt(2050 / 4):.3g} px against 40 px, median error 15 px"),
     # The next point, round and round: 10, 10 and 20 px.
     ("random", f"RMSE {np.sqrt(2200 / 4):.3g} px against 40 px, median error 15 px"),

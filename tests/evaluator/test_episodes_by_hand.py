@@ -68,6 +68,21 @@ def test_clips_have_one_source_frame_and_consecutive_target_frames() -> None:
     assert clip[0] >= 0
 
 
+def test_jitter_is_summed_in_the_later_pair() -> None:
+    """Point 7 hops by (3, 4), point 8 is hidden once, point 9 is not answered in frame 2."""
+    queries = split([3, 3, 3, 1], frame_b=[1, 2, 3, 9])
+    true_px = np.tile([20.0, 10], (10, 1))
+    answer_px = true_px.copy()
+    answer_px[[3, 6]] += [[3, 4], [3, 4]]
+    answer_px[5] = NAN
+    point = np.array([7, 8, 9, 7, 8, 9, 7, 8, 9, 7])
+    made = Split(queries, answer_px, true_px, hidden=[4], cut=2, point=point)
+    assert not made.found(Jitter(NoSettings(), made.context)).notes
+    # Frame 2: 5 px of point 7, and twice the diagonal of 50 px; frame 3: 0 and the same again.
+    assert made.column("sum_jitter_px") == [0, 105, 100, 0]
+    assert made.column("jitter_steps") == [0, 2, 2, 0]
+
+
 TAPVID = TapvidSettings(
     thresholds=(1, 4), comparison="<", scale=(40, 30), visible_threshold=0.5,
     visible_absent="all_visible",
