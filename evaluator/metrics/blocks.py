@@ -105,6 +105,11 @@ class Block:
         return self.state == VISIBLE
 
     @cached_property
+    def lost(self) -> BoolArray:
+        """Bool (N,), queries without an answer."""
+        return np.zeros(len(self.state), bool) if self.missing is None else self.missing
+
+    @cached_property
     def squared_px2(self) -> FloatArray:
         """float64 (N,), squared errors; of a missing answer, of the stated error."""
         squared = squared_error_px2(self.answer_px, self.true_px)

@@ -125,8 +125,7 @@ class Causes(Metric[CausesSettings]):
         flipped = (partner <= settings.partner * side) & (2 * partner <= error)
         code[known & flipped] = CODES["flip"]
         code[known & (error <= settings.precise * side)] = CODES["imprecision"]
-        if block.missing is not None:
-            code[known & block.missing] = CODES["missing"]
+        code[known & block.lost] = CODES["missing"]
         code[~block.counted & np.isfinite(error)] = CODES["hidden"]
         return code
 

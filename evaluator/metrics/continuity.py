@@ -69,9 +69,8 @@ class Continuity(Metric[ContinuitySettings]):
         row, other, a = row[asked], other[asked], a[asked]
         b = endpoint_error_px(block.answer_px[row], block.answer_px[other])
         jump = b > np.maximum(settings.jump_stretch * a, settings.jump_min_px)
-        if block.missing is not None:
-            torn = block.missing[row] | block.missing[other]
-            jump, b = jump | torn, np.where(torn, block.missing_px, b)
+        torn = block.lost[row] | block.lost[other]
+        jump, b = jump | torn, np.where(torn, block.missing_px, b)
         pairs = len(block.starts) - 1
         pair = block.pair[row]
         self.table.put("neighbours", block.pairs, np.bincount(pair, minlength=pairs))

@@ -73,7 +73,7 @@ class Distribution(Metric[DistributionSettings]):
         if not self.context.answers.has_distribution:
             return
         usable = block.counted
-        lost = np.zeros(len(usable), bool) if block.missing is None else usable & block.missing
+        lost = usable & block.lost
         names = [f"in_region_{level * 100:g}" for level in self.settings.regions]
         rows = {name: np.zeros(len(usable)) for name in ("sum_nll", "recalled", "recallable")}
         rows |= {name: np.zeros(len(usable)) for name in names}

@@ -34,9 +34,7 @@ class Geodesic(Metric[GeodesicSettings]):
         facts = self.context.surfaces.facts(block, self.context.queries)
         if not facts.known.any():
             return
-        points = facts.on_object
-        if block.missing is not None:
-            points = points | (facts.known & block.missing)
+        points = facts.on_object | (facts.known & block.lost)
         metres = np.where(points, facts.geodesic_m, 0.0)
         self.add_sums(
             block,

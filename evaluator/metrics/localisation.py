@@ -23,8 +23,7 @@ class Counts(Metric[NoSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        answered = np.ones(len(block.state)) if block.missing is None else ~block.missing
-        self.add_sums(block, counted=block.counted, answered=answered)
+        self.add_sums(block, counted=block.counted, answered=~block.lost)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the number of queries of each pair."""

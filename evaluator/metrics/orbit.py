@@ -73,8 +73,7 @@ class Orbit(Metric[OrbitSettings]):
     ) -> None:
         """Take in some rows of a block; a missing answer is a flip without probability."""
         answers, radius = self.context.answers, self.settings.radius_px
-        lost = np.zeros(len(chosen), bool) if block.missing is None else block.missing[chosen]
-        answer_px = block.answer_px[chosen]
+        lost, answer_px = block.lost[chosen], block.answer_px[chosen]
         own, *others = (
             np.where(seen & ~lost, endpoint_error_px(answer_px, place_px), np.inf)
             for seen, place_px in zip(exists.T, at_px.swapaxes(0, 1), strict=True)

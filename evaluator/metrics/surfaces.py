@@ -189,10 +189,9 @@ class Surfaces:
         if self._silhouettes:
             true_px = block.true_px[rows]
             facts.silhouette_px[rows] = silhouette_distance_px(surface.on_object, true_px)
-        answered = rows
-        if block.missing is not None:
-            answered = rows[~block.missing[rows]]
-            facts.geodesic_m[rows[block.missing[rows]]] = farthest_material_m(queried)
+        lost = block.lost[rows]
+        facts.geodesic_m[rows[lost]] = farthest_material_m(queried)
+        answered = rows[~lost]
         points = point[answered]
         if len(points) and (points.min() < 0 or points.max() >= len(material)):
             raise SpecError(

@@ -25,9 +25,7 @@ class Symmetry(Metric[NoSettings]):
         point_squared = pair_squared.copy()
         flipped_pairs, flipped_points = np.zeros(pairs), np.zeros(pairs)
         asked = np.zeros(pairs)
-        lost = np.zeros(pairs)  # a missing answer is flipped
-        if block.missing is not None:
-            lost = block.sum_by_pair(block.missing & block.counted)
+        lost = block.sum_by_pair(block.lost & block.counted)  # a missing answer is flipped
         # Pairs of one tier share their number of symmetries.
         symmetries = np.diff(partners.begin)[block.starts[:-1]]
         for count in np.unique(symmetries[symmetries > 0]).tolist():

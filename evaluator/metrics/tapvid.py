@@ -88,12 +88,10 @@ class Tapvid(Metric[TapvidSettings]):
             predicted_visible = np.ones(len(error), bool)
         else:
             predicted_visible = predicted[block.rows] >= settings.visible_threshold
-        right = predicted_visible == block.counted
-        if block.missing is not None:
-            error = np.where(block.missing, np.inf, error)
-            predicted_visible |= block.missing  # a false positive at every threshold
-            right &= ~block.missing
-        return error, predicted_visible, right
+        right = (predicted_visible == block.counted) & ~block.lost
+        error = np.where(block.lost, np.inf, error)
+        # A missing answer is a false positive at every threshold.
+        return error, predicted_visible | block.lost, right
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say what was assumed."""
