@@ -65,13 +65,8 @@ class NetworkInput:
 
     @property
     def colour(self) -> bool:
-        """Whether the input is computed from the colour image."""
+        """Whether the input is computed from the colour image, otherwise from the depth map."""
         return self.kind != "depth"
-
-    @property
-    def depth(self) -> bool:
-        """Whether the input is computed from the depth map."""
-        return self.kind == "depth"
 
     def image(
         self,

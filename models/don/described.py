@@ -216,7 +216,7 @@ class ViewDescriber:
     ) -> tuple[npt.NDArray[np.uint8] | None, npt.NDArray[np.float32] | None]:
         rgb = resize_rgb(view.rgb, self.size) if self.given.colour else None
         depth_m = None
-        if self.given.depth and view.depth_m is not None:
+        if not self.given.colour and view.depth_m is not None:
             depth_m = resize_nearest(view.depth_m, self.size)
         return rgb, depth_m
 
