@@ -2,7 +2,8 @@
 
 A rope has as many widths of length in every picture of it. Where an end of a trace is at the border
 and the trace is shorter, in widths, than that of the other picture, it goes on in its direction,
-outside, for what is missing; places then have the shares of the whole rope again.
+outside, for what is missing; places then have the shares of the whole rope again. A rope that
+comes back is joined outside, before it is traced (`bridging.py`).
 """
 
 from __future__ import annotations
@@ -66,13 +67,19 @@ def cut_remarks(source: Sequence[Trace], target: Sequence[Trace]) -> list[str]:
     """
     pictures = {"source": source, "target": target}
     cut = [name for name, traces in pictures.items() if traces and any(traces[0].cut)]
-    if not cut:
-        return []
-    where = " and the ".join(cut)
-    return [
-        f"The rope leaves the picture of the {where}: how much of it is outside is taken from its "
-        "width, as if both pictures showed one and the same rope."
-    ]
+    back = [name for name, traces in pictures.items() if traces and traces[0].comes_back]
+    remarks = []
+    if cut:
+        remarks.append(
+            f"The rope leaves the picture of the {' and the '.join(cut)}: how much of it is "
+            "outside is taken from its width, as if both pictures showed one and the same rope."
+        )
+    if back:
+        remarks.append(
+            f"The rope leaves the picture of the {' and the '.join(back)} and comes back: the way "
+            "that it takes outside is a guess."
+        )
+    return remarks
 
 
 def _continued(trace: Trace, other: Trace) -> Trace:

@@ -8,14 +8,16 @@ mask, and the vector g from the first to the second one, the cost is
 with h half of the rope's width. The cheapest bridges are built first, one at each end: between
 parts that are not connected yet, or between further ends of one part. A bridge is a band as wide
 as the rope along the cubic Hermite curve with these directions. A ball that is away from its rope
-is an end without a direction.
+is an end without a direction. Two ends at the border of the picture are joined outside of it, where
+the rope has turned by an angle that nobody saw: theirs cost nothing.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -42,11 +44,13 @@ class _End:
         part: The number of the connected part.
         place: float64 (2,), (u, v).
         outward: float64 (2,), the unit vector out of the mask; None of a ball.
+        at_border: Whether the rope leaves the picture there.
     """
 
     part: int
     place: FloatArray
     outward: FloatArray | None
+    at_border: bool = False
 
     def turn(self, way: FloatArray) -> float | None:
         """Return the angle between its direction and a unit vector, rad; None of a ball."""
@@ -55,7 +59,18 @@ class _End:
         return float(np.arccos(np.clip(self.outward @ way, -1, 1)))
 
 
-def bridged(mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | None) -> Mask:
+def exits(mask: Mask) -> int:
+    """Return how many times a mask meets the border of its picture."""
+    reach = 1 + round(TRACING.border_px)
+    top, bottom = mask[:reach].any(axis=0), mask[-reach:].any(axis=0)
+    left, right = mask[:, :reach].any(axis=1), mask[:, -reach:].any(axis=1)
+    ring = np.concatenate([top, right, bottom[::-1], left[::-1]])
+    return int((ring & ~np.roll(ring, 1)).sum())
+
+
+def bridged(
+    mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | None, margin: int = 0
+) -> Mask:
     """Return a rope's mask with its gaps bridged; one without gaps is returned itself.
 
     Args:
@@ -64,13 +79,14 @@ def bridged(mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | N
         factor: Pixels of `mask` per pixel of `small`.
         half_px: About half of the rope's width, pixels of `small`.
         ball: The rope's ball, in pixels of `mask`, or None.
+        margin: Empty rows and columns of `mask` around the picture, for bridges outside.
     """
     labels, _ = ndimage.label(small, np.ones((3, 3)))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     parts = [int(k) for k in np.flatnonzero(sizes >= TRACING.bridge_least * half_px**2)]
     lonely = ball is not None and _gap(small, ball, factor) > TRACING.bridge_ball * half_px
-    if not 2 <= len(parts) + lonely <= TRACING.bridge_parts:
+    if not (1 if margin else 2) <= len(parts) + lonely <= TRACING.bridge_parts:
         return mask
     ends = [end for part in parts for end in _loose_ends(labels == part, half_px, part)]
     if ball is not None:
@@ -79,6 +95,12 @@ def bridged(mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | N
         ends = [end for end in ends if np.linalg.norm(end.place - middle) > at_ball]
         if lonely:
             ends.append(_End(_BALL, middle, None))
+    if margin:
+        size_px = np.array(mask.shape[::-1], dtype=np.float64)
+        ends = [
+            _with_border(end, end.place * factor - margin, size_px - 2 * margin, half_px * factor)
+            for end in ends
+        ]
     bridges = list(_bridges(ends, half_px, 2 if ball is None else 1))
     if not bridges:
         return mask
@@ -101,11 +123,19 @@ def _gap(mask: Mask, ball: Ball, factor: int) -> float:
 def _loose_ends(mask: Mask, half_px: float, part: int) -> Iterator[_End]:
     skeleton = Skeleton.of(np.pad(mask, 1), half_px, TRACING.strands_most)
     reach = max(2, round(TRACING.bridge_reach * skeleton.half_px))
+    degree = Counter(node for strand in skeleton.strands for node in strand.nodes)
     for strand in skeleton.strands:
         for end in (0, 1):
-            if strand.nodes[end] in skeleton.loose:
+            if degree[strand.nodes[end]] == 1:  # a blunt end may have a node of its own
                 place = skeleton.in_mask(strand.line[-end]) - 1
                 yield _End(part, place, -strand.leaving(end, reach))
+
+
+def _with_border(end: _End, place_px: FloatArray, size_px: FloatArray, half_px: float) -> _End:
+    """Return an end that knows whether it is at the border of its picture, (width, height)."""
+    away_px = float(np.minimum(place_px, size_px - place_px).min())
+    reach_px = (1 + TRACING.border_reach) * half_px + TRACING.border_px + 1
+    return replace(end, at_border=away_px < reach_px)
 
 
 def _bridges(ends: list[_End], half_px: float, free: int) -> Iterator[tuple[_End, _End]]:
@@ -136,6 +166,8 @@ def _cost(one: _End, other: _End, half_px: float) -> float:
     gap = other.place - one.place
     length = max(float(np.linalg.norm(gap)), 1e-6)
     turns = [one.turn(gap / length), other.turn(-gap / length)]
+    if one.at_border and other.at_border:
+        return TRACING.bridge_length * length / half_px
     known = [turn for turn in turns if turn is not None]
     squares = 2 * float(np.mean(np.square(known)))
     return squares + TRACING.bridge_length * length / half_px

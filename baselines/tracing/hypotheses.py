@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageFilter
 
-from pliant.baselines.tracing.bridging import bridged
+from pliant.baselines.tracing.bridging import bridged, exits
 from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
@@ -48,6 +48,7 @@ class Trace:
         nadir: Where the camera looks straight down.
         overlaps: Which of its parts cover others, as far as that is known.
         cut: Whether the rope leaves the picture at its first and at its last end.
+        comes_back: Whether it leaves the picture in between.
     """
 
     uv_px: FloatArray
@@ -58,6 +59,7 @@ class Trace:
     nadir: Nadir
     overlaps: tuple[Overlap, ...] = ()
     cut: tuple[bool, bool] = (False, False)
+    comes_back: bool = False
 
     @property
     def score(self) -> float:
@@ -96,8 +98,9 @@ def rope_traces(
 ) -> list[Trace]:
     """Return the ways to read a mask as one rope.
 
-    Gaps in it are bridged first (`bridging.py`). Readings start at the rope's ball where there is
-    one, and at both ends else. With a likelihood, paths sampled from the model of `chain.py` are
+    Gaps in it are bridged first, and a rope that leaves the picture and comes back is joined
+    outside (`bridging.py`). Readings start at the rope's ball where there is one, and at both
+    ends else. With a likelihood, paths sampled from the model of `chain.py` are
     added: they need no start.
 
     Args:
@@ -109,6 +112,27 @@ def rope_traces(
     Returns:
         Traces, the most plausible first; empty where the mask shows no rope.
     """
+    nadir = nadir or Nadir.of_image(mask.shape)
+    if exits(mask) < 2:
+        return _readings(mask, objects, likelihood, nadir, 0)
+    size, margin = mask.shape[::-1], round(TRACING.border_margin * max(mask.shape))
+    shown = None if objects is None else np.pad(objects, margin)
+    around = None if likelihood is None else lambda uv_px: likelihood(uv_px - margin)
+    traces = _readings(np.pad(mask, margin), shown, around, nadir.scaled(1.0, margin), margin)
+    return [_without_margin(trace, margin, size) for trace in traces]
+
+
+def _without_margin(trace: Trace, margin_px: int, size: tuple[int, ...]) -> Trace:
+    uv_px = trace.uv_px - margin_px
+    comes_back = bool(((uv_px[1:-1] < 0) | (uv_px[1:-1] > size)).any())
+    nadir = trace.nadir.scaled(1.0, -margin_px)
+    return replace(trace, uv_px=uv_px, nadir=nadir, comes_back=comes_back)
+
+
+def _readings(
+    mask: Mask, objects: Mask | None, likelihood: Likelihood | None, nadir: Nadir, margin: int
+) -> list[Trace]:
+    """Return the traces of a mask around whose picture `margin` pixels were added."""
     factor = working_factor(mask)
     small = shrunk(mask, factor)
     if small.sum() < TRACING.shortest_steps:
@@ -121,7 +145,7 @@ def rope_traces(
     shown = small | other
     depth = depth_in_mask(small)
     half_px = half_width_px(depth)
-    without_gaps = bridged(mask, small, factor, half_px, ball)
+    without_gaps = bridged(mask, small, factor, half_px, ball, margin)
     if without_gaps is not mask:
         mask, small = without_gaps, shrunk(without_gaps, factor)
         depth = depth_in_mask(small)
@@ -143,7 +167,7 @@ def rope_traces(
         return []
     about_px = half_px * factor
     middles = centred([path * factor for path in paths], mask, about_px)
-    below = _tilted(nadir or Nadir.of_image(mask.shape), middles)
+    below = _tilted(nadir, middles)
     traces = []
     for middle in middles.places_px:
         whole = from_end_to_end(middle, mask, about_px, ball)

@@ -105,6 +105,8 @@ class TracingSettings:
         border_reach: Half widths between a cut end and the border of the picture at most
             (unrecorded; none of 192 ropes of the reference benchmark is called cut).
         border_px: Pixels by which a mask may end before the border (unrecorded).
+        border_margin: Room outside for ropes that come back, as a share of the picture's longer
+            side (unrecorded).
         shape_least_part: Smaller parts than this share of the largest are specks (unrecorded).
         shape_around: Radius in which loose ends are looked for (unrecorded).
         shape_at_end: Area of a rope within that around its end, over that around its middle
@@ -182,6 +184,7 @@ class TracingSettings:
     bridge_ball: float = 4.0
     border_reach: float = 0.5
     border_px: float = 2.0
+    border_margin: float = 0.15
     shape_least_part: float = 0.1
     shape_around: float = 5.0
     shape_at_end: float = 0.65

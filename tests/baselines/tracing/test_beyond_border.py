@@ -35,6 +35,25 @@ def test_places_on_a_rope_that_leaves_the_picture(columns: int) -> None:
         assert np.linalg.norm(gap, axis=1).max() < 11
 
 
+@pytest.mark.parametrize("radius_px", [25, 40])
+def test_a_rope_that_comes_back_is_joined_outside(radius_px: float) -> None:
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 60)
+    bend = np.array([270.0, 110.0]) + radius_px * np.column_stack([np.cos(angle), np.sin(angle)])
+    x = np.linspace(60, 270, 200)
+    upper, lower = (np.column_stack([x, np.full(200, 110 + way * radius_px)]) for way in (-1, 1))
+    back = np.concatenate([upper, bend, lower[::-1]])
+    places = np.linspace(0.05, 0.95, 31)
+    a, b = arc_places(WHOLE, places), arc_places(back, places)
+    whole, cut = view_of(WHOLE), cut_at(view_of(back), 272)
+    shown = b[:, 0] < 266
+    for one, other, asked, truth in ((whole, cut, a, b), (cut, whole, b, a)):
+        pair = Pair(one, other, asked[shown].astype(np.float32))
+        gap = RopeTracer().answer(pair).uv_px - truth[shown]
+        assert np.linalg.norm(gap, axis=1).max() < 15
+    said = "The rope leaves the picture of the target and comes back: the way"
+    assert RopeTracer().remarks(whole, cut)[-1].startswith(said)
+
+
 def test_a_user_is_told_that_the_rope_leaves_the_picture() -> None:
     tracer, whole = RopeTracer(), view_of(WHOLE)
     cut = cut_at(view_of(CUT), 250)
