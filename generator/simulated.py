@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.generator.config import GenerateConfig
@@ -21,6 +19,7 @@ from pliant.generator.runner.run import required_packages
 from pliant.generator.runner.sequence import SequenceMaker, tool_versions
 from pliant.generator.runner.sequence_writer import correspondence_rows, point_rows
 from pliant.generator.seeding import SequenceTask
+from pliant.spec.arrays import Rgb
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.dataset import Dataset
@@ -49,7 +48,7 @@ class SimulatedFrames:
         camera: The camera of all frames.
     """
 
-    rgb: tuple[npt.NDArray[np.uint8], ...]
+    rgb: tuple[Rgb, ...]
     surfaces: tuple[Surface, ...]
     correspondences: tuple[pa.Table, ...]
     points: pa.Table
@@ -141,7 +140,7 @@ class SimulatedSequence(SequenceRecord):
         self._check(frame)
         return self._simulated.camera
 
-    def rgb(self, frame: int) -> npt.NDArray[np.uint8]:
+    def rgb(self, frame: int) -> Rgb:
         """Return a frame's colour image, uint8 (H, W, 3), sRGB."""
         self._check(frame)
         return self._simulated.rgb[frame]

@@ -13,6 +13,7 @@ RealArray = npt.NDArray[np.floating[Any]]
 """float32 or float64."""
 
 IntArray = npt.NDArray[np.int64]
+Int32Array = npt.NDArray[np.int32]
 IndexArray = npt.NDArray[np.integer[Any]]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from pliant.generator import portable
 from pliant.generator.scene.appearance import linear_reflectance
-from pliant.generator.scene.scene_object import IntArray, Part, Pose, SceneObject, quads
+from pliant.generator.scene.scene_object import Part, Pose, SceneObject, quads
 from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.scene import SceneSettings
 from pliant.spec.arrays import FloatArray
@@ -110,7 +110,7 @@ class _Tube:
         self.rest = np.concatenate([along, across], axis=2).reshape(-1, 3)
         index = np.arange(rows * _RING).reshape(rows, _RING)
         after = np.roll(index, -1, axis=1)
-        self.faces: IntArray = quads(index[:-1], index[1:], after[1:], after[:-1])
+        self.faces = quads(index[:-1], index[1:], after[1:], after[:-1])
 
     def laid(self, line: FloatArray, below: FloatArray) -> FloatArray:
         """Return the vertices around a centre line (rows, 2), float64 (V, 3)."""
@@ -135,7 +135,7 @@ class _Sheet:
         self.plan = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         self.rest = np.insert(self.plan + np.array([0.5, 0.0]), 2, 0.0, axis=1)
         index = np.arange(len(self.plan)).reshape(len(u), len(v))
-        self.faces: IntArray = quads(index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+        self.faces = quads(index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
 
     def laid(self, places: FloatArray, below: FloatArray) -> FloatArray:
         """Return the vertices at places (V, 2), float64 (V, 3)."""

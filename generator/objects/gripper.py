@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import GRIPPER, IntArray, Part, Pose, SceneObject, quads
-from pliant.spec.arrays import FloatArray
+from pliant.generator.scene.scene_object import GRIPPER, Part, Pose, SceneObject, quads
+from pliant.spec.arrays import FloatArray, Int32Array
 
 _COLOUR: Final = (0.055, 0.055, 0.06)
 _FINGER_M: Final = (0.010, 0.022, 0.07)
@@ -71,7 +71,7 @@ def _placed(pose: Pose, rest: FloatArray, azimuth_rad: float) -> FloatArray:
     return np.column_stack([turned + place[:2], np.maximum(rest[:, 2] + place[2], 0.001)])
 
 
-def _boxes(thickness_m: float, rise_rad: float) -> tuple[FloatArray, IntArray]:
+def _boxes(thickness_m: float, rise_rad: float) -> tuple[FloatArray, Int32Array]:
     """Return two fingers along z that open along x, the palm above, and the arm towards +x."""
     gap, tall = 0.5 * thickness_m + 0.001, _FINGER_M[2]
     bottom = -0.4 * thickness_m

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.config import STYLES
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.arrays import Rgb
 from pliant.spec.camera import Camera
 from pliant.spec.errors import CallError, MissingExtraError
 
@@ -25,9 +25,7 @@ class Renderer(Protocol):
         """Take what stays the same over a sequence: topology, colours, light, camera."""
         ...
 
-    def render(
-        self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None
-    ) -> npt.NDArray[np.uint8]:
+    def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
         """Render one frame.
 
         Args:

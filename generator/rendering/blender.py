@@ -15,18 +15,16 @@ from typing import Any, Final
 import bpy
 import mathutils
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.scene.appearance import Light
 from pliant.generator.scene.camera import NEAR_M
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, Int32Array
 from pliant.spec.camera import Camera
 
 _SENSOR_MM: Final = 36.0
 _FAR_M: Final = 1000.0
 
-Passes = dict[str, npt.NDArray[np.float32]]
+Passes = dict[str, Float32Array]
 
 _grabbed: Passes = {}
 
@@ -152,7 +150,7 @@ def add_mesh(
     scene: Any,
     name: str,
     vertices: FloatArray,
-    faces: IntArray,
+    faces: Int32Array,
     attributes: Mapping[str, FloatArray],
     material: Any,
     pass_index: int,
@@ -213,7 +211,7 @@ def remove_meshes(scene: Any) -> None:
     scene.render.use_persistent_data = True
 
 
-def add_image(name: str, pixels: npt.NDArray[np.float32]) -> Any:
+def add_image(name: str, pixels: Float32Array) -> Any:
     """Make a float image of linear values.
 
     Args:

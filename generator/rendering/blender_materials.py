@@ -7,11 +7,11 @@ from typing import Any, Final
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.rendering.blender import add_image
 from pliant.generator.rendering.materials import FIBRES_PER_M, Image
 from pliant.generator.scene.appearance import Appearance
+from pliant.spec.arrays import Float32Array
 
 PLACE: Final = "pliant_place"
 """Vertex attribute: where the fibres' noise or the cloth's image is read."""
@@ -42,7 +42,7 @@ def surface_material(
     return material
 
 
-def table_material(reflectance: npt.NDArray[np.float32]) -> Any:
+def table_material(reflectance: Float32Array) -> Any:
     """Make the table's material from its image, laid over the plane's `place`."""
     material, tree = _new_material("table")
     texture = _image(tree, "table", reflectance, _attribute(tree, PLACE))
@@ -114,7 +114,7 @@ def _attribute(tree: Any, name: str) -> Any:
     return node.outputs["Vector"]
 
 
-def _image(tree: Any, name: str, pixels: npt.NDArray[np.float32], place: Any) -> Any:
+def _image(tree: Any, name: str, pixels: Float32Array, place: Any) -> Any:
     image = add_image(name, pixels)
     node = _node(
         tree, "TexImage", {"Vector": place}, image=image, extension="EXTEND", interpolation="Linear"

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from pliant.generator.rendering import blender
@@ -33,11 +32,11 @@ from pliant.generator.scene.camera import seen_window
 from pliant.generator.scene.scene_object import Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import rasterise
-from pliant.spec.arrays import FloatArray, Rgb
+from pliant.spec.arrays import Float32Array, FloatArray, Rgb
 from pliant.spec.camera import Camera
 from pliant.spec.errors import GenerationError
 
-Linear = npt.NDArray[np.float32]
+Linear = Float32Array
 
 PHOTO_SAMPLES: Final = 1
 """One sample and OpenImageDenoise: nearer to 192 samples than four samples without, and cheaper."""

@@ -16,17 +16,14 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.noise import perlin_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.scene import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray, IntArray, Mask
 from pliant.spec.camera import Camera
-
-FloatImage = npt.NDArray[np.float64]
 
 _LEFT_SHARE: Final = 0.2  # how much the left rim frays, against the right one
 _LEFT_STEEPER: Final = 4.0  # how much steeper ground may fall to the left, towards the projector
@@ -50,7 +47,7 @@ class DepthCameraRenderer:
 
     def render(
         self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None
-    ) -> npt.NDArray[np.uint8]:
+    ) -> ImageArray:
         """Render one frame.
 
         Args:
@@ -79,11 +76,11 @@ def table_distance_m(camera: Camera) -> float:
 
 def depth_picture(
     rng: np.random.Generator,
-    depth_m: npt.NDArray[np.float32],
+    depth_m: Float32Array,
     focal_px: float,
     table_m: float,
     settings: DepthCameraSettings,
-) -> npt.NDArray[np.uint8]:
+) -> ImageArray:
     """Draw a depth image as a depth camera would show it.
 
     Args:
@@ -124,7 +121,7 @@ def depth_picture(
     return grey
 
 
-def slope_to_the_right(depth_m: FloatImage, on: Mask, focal_px: float) -> FloatImage:
+def slope_to_the_right(depth_m: FloatArray, on: Mask, focal_px: float) -> FloatArray:
     """Return how steeply the surface falls away to the right, metres of depth a metre across.
 
     Args:
@@ -144,11 +141,11 @@ def slope_to_the_right(depth_m: FloatImage, on: Mask, focal_px: float) -> FloatI
     total[:, 1:] += step[:, :-1]
     count[:, 1:] += both[:, :-1]
     across_m = np.where(on, depth_m, 1.0) / focal_px
-    slope: FloatImage = total / np.maximum(count, 1) / across_m
+    slope: FloatArray = total / np.maximum(count, 1) / across_m
     return slope
 
 
-def pixels_to_the_rim(on: Mask) -> npt.NDArray[np.int64]:
+def pixels_to_the_rim(on: Mask) -> IntArray:
     """Return how many pixels of the object follow to the right before its row ends.
 
     Args:
@@ -166,7 +163,7 @@ def pixels_to_the_rim(on: Mask) -> npt.NDArray[np.int64]:
 
 def _add_specks(
     rng: np.random.Generator,
-    grey: npt.NDArray[np.uint8],
+    grey: ImageArray,
     on: Mask,
     table_grey: float,
     count: int,

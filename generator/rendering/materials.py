@@ -16,9 +16,9 @@ from pliant.generator.compiled import compiled, inlined
 from pliant.generator.rendering.prints import printed
 from pliant.generator.scene.appearance import Appearance, TableAppearance
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 
-Image = npt.NDArray[np.float32]
+Image = Float32Array
 
 WEAVE_THREADS = 96
 """Periods of the weave along u; along v as many as give threads of about the same width."""
@@ -182,8 +182,8 @@ class Materials(NamedTuple):
     crevice: FloatArray
     place: FloatArray
     two_faced: npt.NDArray[np.uint8]
-    front: npt.NDArray[np.float32]
-    back: npt.NDArray[np.float32]
+    front: Float32Array
+    back: Float32Array
     fibre_contrast: float
     specular: float
 

@@ -9,7 +9,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.rendering.materials import (
@@ -26,10 +25,10 @@ from pliant.generator.rendering.srgb import encode_channel, encode_where
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import seen_window
-from pliant.generator.scene.scene_object import IntArray, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
-from pliant.spec.arrays import BoolArray, FloatArray, Rgb
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray, Rgb
 from pliant.spec.camera import Camera
 
 SAMPLES: Final = 2
@@ -91,7 +90,7 @@ class RasterRenderer:
         _shade(view, self._hits, surface, self._materials, lighting, shadow, linear, out)
         return out
 
-    def _rasterise(self, world: FloatArray) -> npt.NDArray[np.int64]:
+    def _rasterise(self, world: FloatArray) -> IntArray:
         """Fill the sample buffers and return the window of pixels that the object can touch."""
         camera = self._camera
         local = camera.to_camera(world)
@@ -117,7 +116,7 @@ class _View(NamedTuple):
         eye: float64 (3,), world metres.
     """
 
-    window: npt.NDArray[np.int64]
+    window: IntArray
     lens: Lens
     rotation: FloatArray
     eye: FloatArray
@@ -149,14 +148,14 @@ class _Surface(NamedTuple):
         open_back: float64 (V,), share of the sky on the back.
     """
 
-    faces: IntArray
+    faces: Int32Array
     normals: FloatArray
     open_front: FloatArray
     open_back: FloatArray
 
 
 @compiled
-def _hidden(hits: Hits, window: npt.NDArray[np.int64], size: tuple[int, int]) -> BoolArray:
+def _hidden(hits: Hits, window: IntArray, size: tuple[int, int]) -> BoolArray:
     """Return bool (H, W): pixels of a window whose samples all see the object."""
     triangle = hits.triangle
     hidden = np.zeros((size[1], size[0]), np.bool_)
@@ -197,9 +196,7 @@ def _ray(i: int, j: int, lens: Lens, rotation: FloatArray) -> tuple[float, float
 
 
 @compiled
-def _woven(
-    image: npt.NDArray[np.float32], place: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def _woven(image: Float32Array, place: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the colour of a place on a cloth."""
     height, width = image.shape[0], image.shape[1]
     u = min(max(int(place[0] * width), 0), width - 1)
@@ -270,7 +267,7 @@ def _shade(
     material: Materials,
     light: _Lighting,
     shadow: ShadowMap,
-    table: npt.NDArray[np.float32],
+    table: Float32Array,
     out: Rgb,
 ) -> None:
     """Shade the pixels of a window and write them over the table.

@@ -12,13 +12,11 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import minimum_filter
 
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.appearance import Light
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, Int32Array
 
 _SIDE: Final = 1024
 # Texels along the longer side of the object as the sun sees it.
@@ -62,8 +60,8 @@ class ShadowMap(NamedTuple):
     """
 
     frame: FloatArray
-    depth: npt.NDArray[np.float32]
-    coarse: npt.NDArray[np.float32]
+    depth: Float32Array
+    coarse: Float32Array
     texel_m: float
     spread: float
 
@@ -76,7 +74,7 @@ def sun_axes(light: Light) -> FloatArray:
     return np.stack([across, np.cross(towards, across), -towards])
 
 
-def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
+def shadow_map(world: FloatArray, faces: Int32Array, light: Light) -> ShadowMap:
     """Draw the object as the sun sees it.
 
     Args:
@@ -101,7 +99,7 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
 
 
 @compiled
-def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -> None:
+def _draw(points: FloatArray, faces: Int32Array, depth: Float32Array) -> None:
     rows, columns = depth.shape
     centres = np.arange(columns) + 0.5
     for t in range(faces.shape[0]):
@@ -132,15 +130,13 @@ def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -
                 line[k] = z if nearer else line[k]
 
 
-def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    nearest: npt.NDArray[np.float32] = minimum_filter(
-        _block_minima(depth), 5, mode="constant", cval=_EMPTY
-    )
+def _coarse(depth: Float32Array) -> Float32Array:
+    nearest: Float32Array = minimum_filter(_block_minima(depth), 5, mode="constant", cval=_EMPTY)
     return nearest
 
 
 @compiled
-def _block_minima(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _block_minima(depth: Float32Array) -> Float32Array:
     rows, columns = depth.shape
     out = np.full((-(-rows // _BLOCK), -(-columns // _BLOCK)), _EMPTY)
     for j in range(rows):
@@ -184,7 +180,7 @@ def may_shade(box: FloatArray, shadow: ShadowMap) -> bool:
 
 
 @compiled
-def _clear_around(sx: float, sy: float, away: float, depth: npt.NDArray[np.float32]) -> bool:
+def _clear_around(sx: float, sy: float, away: float, depth: Float32Array) -> bool:
     """Return whether no texel within one of a place, so no tap of that radius, blocks the sun."""
     rows, columns = depth.shape
     i, j = math.floor(sx), math.floor(sy)
@@ -205,8 +201,8 @@ def sunlight(
     column: int,
     row: int,
     frame: FloatArray,
-    depth: npt.NDArray[np.float32],
-    coarse: npt.NDArray[np.float32],
+    depth: Float32Array,
+    coarse: Float32Array,
     texel_m: float,
     spread: float,
 ) -> float:

@@ -12,11 +12,9 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, Int32Array
 
 _DIRECTIONS: Final = 16
 _CELLS: Final = 96
@@ -46,7 +44,7 @@ class SkyMaps(NamedTuple):
         cell_m: Side of a cell.
     """
 
-    height: npt.NDArray[np.float32]
+    height: Float32Array
     centre: FloatArray
     cell_m: float
 
@@ -66,7 +64,7 @@ def sky_maps(world: FloatArray) -> SkyMaps:
 
 
 @compiled
-def vertex_normals(world: FloatArray, faces: IntArray) -> FloatArray:
+def vertex_normals(world: FloatArray, faces: Int32Array) -> FloatArray:
     """Return unit normals, weighted by area.
 
     Args:
@@ -96,9 +94,7 @@ def vertex_normals(world: FloatArray, faces: IntArray) -> FloatArray:
 
 
 @compiled
-def _drop(
-    world: FloatArray, centre: FloatArray, per_m: float, height: npt.NDArray[np.float32]
-) -> None:
+def _drop(world: FloatArray, centre: FloatArray, per_m: float, height: Float32Array) -> None:
     half = 0.5 * _CELLS
     for k in range(_DIRECTIONS):
         for n in range(world.shape[0]):

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.spec.arrays import BoolArray
+from pliant.spec.arrays import BoolArray, ImageArray, RealArray, Rgb
 
 _STEPS: Final = 4096
 
 
-def _table() -> npt.NDArray[np.uint8]:
+def _table() -> ImageArray:
     x = (np.arange(_STEPS) + 0.5) / _STEPS
     curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return np.round(255.0 * curve).astype(np.uint8)
@@ -29,7 +28,7 @@ def encode_channel(value: float) -> int:
     return _CURVE[min(max(k, 0), _STEPS - 1)]
 
 
-def encode_srgb(linear: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint8]:
+def encode_srgb(linear: RealArray) -> Rgb:
     """Encode an image.
 
     Args:
@@ -43,9 +42,7 @@ def encode_srgb(linear: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint8]:
 
 
 @compiled
-def encode_where(
-    mask: BoolArray, linear: npt.NDArray[np.floating[Any]], out: npt.NDArray[np.uint8]
-) -> None:
+def encode_where(mask: BoolArray, linear: RealArray, out: Rgb) -> None:
     """Encode the pixels of a mask as `encode_srgb` does.
 
     Args:

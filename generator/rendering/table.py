@@ -10,7 +10,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.rendering.materials import table_reflectance
@@ -18,7 +17,7 @@ from pliant.generator.rendering.shadow import ShadowMap, may_shade, sunlight
 from pliant.generator.rendering.sky import SkyMaps, openness
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
-from pliant.spec.arrays import BoolArray, FloatArray
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.camera import Camera
 
 _GRID_PX = 4
@@ -64,7 +63,7 @@ class TableView:
 
     def under(
         self, shadow: ShadowMap, sky: SkyMaps, hidden: BoolArray | None = None
-    ) -> tuple[npt.NDArray[np.float32], BoolArray]:
+    ) -> tuple[Float32Array, BoolArray]:
         """Return the table with the object's shadows on it.
 
         Args:
@@ -118,7 +117,7 @@ def _tile_boxes(xy: FloatArray) -> FloatArray:
 class _Ground(NamedTuple):
     """The open table: reflectance and place per pixel, its light, and the sky's share on a grid."""
 
-    reflectance: npt.NDArray[np.float32]
+    reflectance: Float32Array
     xy: FloatArray
     boxes: FloatArray
     sun: FloatArray
@@ -131,7 +130,7 @@ def _shade(
     ground: _Ground,
     shadow: ShadowMap,
     hidden: BoolArray,
-    linear: npt.NDArray[np.float32],
+    linear: Float32Array,
     changed: BoolArray,
 ) -> None:
     """Shade tile by tile; many tiles of a small object's picture miss no light."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 import psutil
 from scipy.ndimage import find_objects
 
@@ -29,6 +28,7 @@ from pliant.generator.scene.noise import apply_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.arrays import Rgb
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_to_dict
 
@@ -38,7 +38,7 @@ FRAMED_POSES: Final = 32
 """Independent configurations share a camera that sees so many of them whole."""
 
 
-TakenFrame = tuple[npt.NDArray[np.uint8], FrameTruth, dict[str, Any]]
+TakenFrame = tuple[Rgb, FrameTruth, dict[str, Any]]
 """Picture (H, W, 3), truth, and the frame's entry of `sequence.json`."""
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.arrays import Rgb
 from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
 from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
@@ -73,7 +73,7 @@ class SequenceWriter:
         self._size = (0, 0)
         self._rows: list[pa.Table] = []
 
-    def add_frame(self, rgb: npt.NDArray[np.uint8], truth: FrameTruth, camera: Camera) -> None:
+    def add_frame(self, rgb: Rgb, truth: FrameTruth, camera: Camera) -> None:
         """Take the next frame; the arrays must not be changed afterwards.
 
         Args:
@@ -135,7 +135,7 @@ class SequenceWriter:
             self._table.write(pa.concat_tables(self._rows))
             self._rows.clear()
 
-    def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
+    def _encode(self, frame: int, rgb: Rgb, surface: Surface) -> float:
         start = time.thread_time()
         write_rgb(self._folder / rgb_name(frame), rgb, level=PNG_LEVEL)
         try:

@@ -150,16 +150,14 @@ def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
     return corners
 
 
-def _direction(elevation_deg: float, azimuth_deg: float) -> npt.NDArray[np.float64]:
+def _direction(elevation_deg: float, azimuth_deg: float) -> FloatArray:
     """Return the unit vector at an elevation over the table; azimuth 0 is -y."""
     elevation, azimuth = math.radians(elevation_deg), math.radians(azimuth_deg)
     flat = math.cos(elevation)
     return np.array([math.sin(azimuth) * flat, -math.cos(azimuth) * flat, math.sin(elevation)])
 
 
-def _facing(
-    forward: npt.NDArray[np.float64], up: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _facing(forward: FloatArray, up: FloatArray) -> FloatArray:
     """Return the world-to-camera rotation that looks along `forward`."""
     z = forward / portable.norm(forward)
     x = np.cross(z, up)
@@ -168,8 +166,8 @@ def _facing(
 
 
 def _placed(
-    rotation: npt.NDArray[np.float64],
-    eye: npt.NDArray[np.float64],
+    rotation: FloatArray,
+    eye: FloatArray,
     size: tuple[int, int],
     fov_deg: float,
 ) -> Camera:
@@ -184,12 +182,12 @@ def _placed(
 
 def _framed(
     points: FloatArray,
-    middle: npt.NDArray[np.float64],
-    rotation: npt.NDArray[np.float64],
+    middle: FloatArray,
+    rotation: FloatArray,
     size: tuple[int, int],
     fov_deg: float,
     fill: float,
-    offset: npt.NDArray[np.float64],
+    offset: FloatArray,
 ) -> Camera:
     """Back away from the object until its box takes `fill` of the frame, `offset` off centre."""
     frame = np.asarray(size, np.float64)

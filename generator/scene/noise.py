@@ -11,12 +11,11 @@ import io
 import math
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from pliant.generator.settings.scene import NoiseSettings
-from pliant.spec.arrays import Rgb
+from pliant.spec.arrays import BoolArray, FloatArray, Rgb
 from pliant.spec.io.exr import Surface
 
 
@@ -70,9 +69,7 @@ def _compressed(rgb: Rgb, quality: int) -> Rgb:
     return np.asarray(Image.open(buffer))
 
 
-def perlin_noise(
-    rng: np.random.Generator, height: int, width: int, scale_px: float
-) -> npt.NDArray[np.float64]:
+def perlin_noise(rng: np.random.Generator, height: int, width: int, scale_px: float) -> FloatArray:
     """Return gradient noise (Perlin 1985, with the quintic fade of 2002).
 
     Args:
@@ -91,22 +88,22 @@ def perlin_noise(
     j, i = np.floor(y).astype(int)[:, None], np.floor(x).astype(int)[None, :]
     fy, fx = y[:, None] - j, x[None, :] - i
 
-    def corner(dj: int, di: int) -> npt.NDArray[np.float64]:
+    def corner(dj: int, di: int) -> FloatArray:
         slope = gradient[j + dj, i + di]
-        dot: npt.NDArray[np.float64] = slope[..., 0] * (fx - di) + slope[..., 1] * (fy - dj)
+        dot: FloatArray = slope[..., 0] * (fx - di) + slope[..., 1] * (fy - dj)
         return dot
 
     wx, wy = (f**3 * (f * (6 * f - 15) + 10) for f in (fx, fy))
     above = corner(0, 0) * (1 - wx) + corner(0, 1) * wx
     below = corner(1, 0) * (1 - wx) + corner(1, 1) * wx
-    noise: npt.NDArray[np.float64] = above * (1 - wy) + below * wy
+    noise: FloatArray = above * (1 - wy) + below * wy
     return noise
 
 
 def _drop_edges(
     rng: np.random.Generator,
     rgb: Rgb,
-    mask: npt.NDArray[np.bool_],
+    mask: BoolArray,
     share: float,
     reach_px: int,
     scale_px: float,

@@ -11,11 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from pliant.spec.arrays import FloatArray
-
-IntArray = npt.NDArray[np.int32]
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 
 GRIPPER: Final = "gripper"
 """Name of the part that `generator.objects.gripper` adds."""
@@ -45,10 +42,10 @@ class Part:
 
     object_id: int
     name: str
-    faces: IntArray
+    faces: Int32Array
     rest: FloatArray
     chart: Chart
-    strand: IntArray
+    strand: Int32Array
     double_sided: bool = False
     colour: tuple[float, float, float] | None = None
 
@@ -71,12 +68,12 @@ class Points:
         share: float64 (P,), 0 to 1, how far along the edge, or None.
     """
 
-    object_id: IntArray
-    vertex: IntArray
-    centreline: npt.NDArray[np.bool_]
-    material: npt.NDArray[np.float32]
-    partners: IntArray
-    other: IntArray | None = None
+    object_id: Int32Array
+    vertex: Int32Array
+    centreline: BoolArray
+    material: Float32Array
+    partners: Int32Array
+    other: Int32Array | None = None
     share: FloatArray | None = None
 
 
@@ -131,7 +128,7 @@ class SceneObject:
     proportion: float = 1.0
 
 
-def quads(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
+def quads(a: Int32Array, b: Int32Array, c: Int32Array, d: Int32Array) -> Int32Array:
     """Return the two triangles, abc and acd, of every cell of a grid.
 
     Args:
@@ -156,7 +153,7 @@ class SceneMesh:
         parts: Each part with the slices of its faces and of its vertices.
     """
 
-    faces: IntArray
+    faces: Int32Array
     parts: tuple[tuple[Part, slice, slice], ...]
 
     @classmethod

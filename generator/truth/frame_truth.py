@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pliant.generator.scene.scene_object import Part, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise, rest_seen
 from pliant.generator.truth.visibility import first_occluders, inside_frame
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array, IntArray
 from pliant.spec.camera import Camera
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.exr import Surface
@@ -102,7 +102,7 @@ def surface_image(scene_object: SceneObject, mesh: SceneMesh, hits: Hits) -> Sur
 
 def _point_positions(
     scene_object: SceneObject, pose: Pose, mesh: SceneMesh, world: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+) -> tuple[FloatArray, Int32Array]:
     """Return each point's world position and the ends of its edge: rows, -1 for none."""
     points = scene_object.points
     ends = points.vertex if points.other is None else points.other
@@ -129,8 +129,8 @@ def _point_positions(
 def _states(
     scene_object: SceneObject,
     mesh: SceneMesh,
-    rows: npt.NDArray[np.int64],
-    triangle: npt.NDArray[np.int32],
+    rows: IntArray,
+    triangle: Int32Array,
     weights: FloatArray,
 ) -> npt.NDArray[np.str_]:
     """Name the state of points inside the frame from the first triangle before each."""
@@ -155,6 +155,6 @@ def _states(
     return states
 
 
-def _material(part: Part, triangle: npt.NDArray[np.int32], weights: FloatArray) -> FloatArray:
+def _material(part: Part, triangle: Int32Array, weights: FloatArray) -> FloatArray:
     """Return the material coordinates (N, 2) of places inside a part's triangles."""
     return part.chart(interpolate(triangle, weights, part.faces, part.rest))

@@ -7,7 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.generator.config import GenerateConfig
@@ -21,6 +20,7 @@ from pliant.generator.truth.query_sampling import (
     point_classes,
     skip_pairs,
 )
+from pliant.spec.arrays import IntArray
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
 from pliant.spec.io.reading import sha256_file
@@ -98,7 +98,7 @@ def _split_tables(
         queried = points["object"].to_numpy() == describe_tier(config, tier).queried_object
         askable = np.flatnonzero(queried & (points["kind"].to_numpy() == "surface"))
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
-        drawn: dict[FrameTask, npt.NDArray[np.int64]] = {}
+        drawn: dict[FrameTask, IntArray] = {}
         for task in members:
             rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
@@ -148,9 +148,9 @@ def pair_tables(
     pair_id: int,
     source: FrameTask,
     target: FrameTask,
-    chosen: npt.NDArray[np.int64],
+    chosen: IntArray,
     tracks: tuple[Tracks, Tracks],
-    partners: npt.NDArray[np.int64],
+    partners: IntArray,
 ) -> tuple[pa.Table, pa.Table] | None:
     """Return the rows of queries and truth of a pair, None if it cannot be asked about.
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
+from pliant.spec.arrays import Float32Array, IntArray
 
 _CLASSES: Final = 4
 
@@ -52,14 +53,12 @@ class Tracks:
         boxes_px: per frame the visible box of the queried object, or None.
     """
 
-    uv_px: npt.NDArray[np.float32]
+    uv_px: Float32Array
     visibility: npt.NDArray[np.object_]
     boxes_px: list[list[int] | None]
 
 
-def point_classes(
-    seed: int, source: FrameTask, frames: int, partners: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
+def point_classes(seed: int, source: FrameTask, frames: int, partners: IntArray) -> IntArray:
     """Divide the material points at random into classes of nearly equal size.
 
     Sequences of several frames, whose pairs stay within the sequence, have a division each.
@@ -89,11 +88,11 @@ def draw_points(
     rng: np.random.Generator,
     source: Tracks,
     frame: int,
-    asked: npt.NDArray[np.int64],
+    asked: IntArray,
     most: int,
     targets: Sequence[int] = (),
     moving_share: float = 0.0,
-) -> npt.NDArray[np.int64]:
+) -> IntArray:
     """Draw the points that a source frame is asked at.
 
     Args:

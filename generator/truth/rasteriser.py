@@ -21,12 +21,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.camera import NEAR_M
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array, IntArray
 from pliant.spec.camera import Camera
 
 _LOW_PX: Final = -9.0
@@ -43,7 +41,7 @@ class Hits(NamedTuple):
         weights: float64 (H, W, 2), barycentrics of the triangle's second and third corner.
     """
 
-    triangle: IntArray
+    triangle: Int32Array
     depth_m: FloatArray
     weights: FloatArray
 
@@ -69,7 +67,7 @@ class Lens(NamedTuple):
         return cls(K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
-def rasterise(camera: Camera, points_camera: FloatArray, faces: IntArray, scale: int = 1) -> Hits:
+def rasterise(camera: Camera, points_camera: FloatArray, faces: Int32Array, scale: int = 1) -> Hits:
     """Find the nearest triangle at the centre of every pixel.
 
     Args:
@@ -158,7 +156,7 @@ def edge_planes(
 
 @compiled
 def rasterise_into(
-    points: FloatArray, uv: FloatArray, faces: IntArray, lens: Lens, hits: Hits
+    points: FloatArray, uv: FloatArray, faces: Int32Array, lens: Lens, hits: Hits
 ) -> None:
     """Rasterise into hits that are empty, at least where a triangle can be seen.
 
@@ -236,7 +234,7 @@ def owns_edge(nx: float, ny: float) -> bool:
 
 @compiled
 def interpolate(
-    triangles: IntArray, weights: FloatArray, faces: IntArray, values: FloatArray
+    triangles: Int32Array, weights: FloatArray, faces: Int32Array, values: FloatArray
 ) -> FloatArray:
     """Interpolate vertex values inside triangles.
 
@@ -266,8 +264,8 @@ def interpolate(
 
 @compiled
 def rest_seen(
-    hits: Hits, first: int, end: int, faces: IntArray, rest: FloatArray
-) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    hits: Hits, first: int, end: int, faces: Int32Array, rest: FloatArray
+) -> tuple[IntArray, FloatArray]:
     """Return where an image shows a part, and which place of the part.
 
     Args:

@@ -17,13 +17,11 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.camera import NEAR_M
-from pliant.generator.scene.scene_object import IntArray
 from pliant.generator.truth.rasteriser import box_in_image, covered_cells, edge_planes
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from pliant.spec.camera import Camera
 
 SAME_SURFACE_M: Final = 1e-6
@@ -33,7 +31,7 @@ _CELL_PX: Final = 4
 # Side of the cells that the points are sorted into, px.
 
 
-def inside_frame(camera: Camera, uvz: FloatArray) -> npt.NDArray[np.bool_]:
+def inside_frame(camera: Camera, uvz: FloatArray) -> BoolArray:
     """Return which projected points are in the image, as the float32 of the files sees them.
 
     Args:
@@ -45,17 +43,17 @@ def inside_frame(camera: Camera, uvz: FloatArray) -> npt.NDArray[np.bool_]:
     """
     u, v = uvz[:, 0].astype(np.float32), uvz[:, 1].astype(np.float32)
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    found: npt.NDArray[np.bool_] = inside & (uvz[:, 2] >= NEAR_M)
+    found: BoolArray = inside & (uvz[:, 2] >= NEAR_M)
     return found
 
 
 def first_occluders(
     camera: Camera,
     points_camera: FloatArray,
-    own_edge: IntArray,
+    own_edge: Int32Array,
     mesh_camera: FloatArray,
-    faces: IntArray,
-) -> tuple[IntArray, FloatArray]:
+    faces: Int32Array,
+) -> tuple[Int32Array, FloatArray]:
     """Return the nearest triangle between the camera and each point.
 
     Args:
@@ -111,8 +109,8 @@ class _Rays(NamedTuple):
     uv: FloatArray
     direction: FloatArray
     nearest: FloatArray
-    own: IntArray
-    starts: npt.NDArray[np.int64]
+    own: Int32Array
+    starts: IntArray
     size: tuple[int, int]
 
 
@@ -121,8 +119,8 @@ def _cast(
     rays: _Rays,
     points: FloatArray,
     uv: FloatArray,
-    faces: IntArray,
-    triangle: IntArray,
+    faces: Int32Array,
+    triangle: Int32Array,
     weights: FloatArray,
 ) -> None:
     """Intersect every triangle with the rays that pass its box in the image."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import describe_tier
@@ -23,6 +22,7 @@ from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings.scene import AppearanceSettings, CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.scene.bodies import Body
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray, Rgb
 from pliant.spec.calls import check_numbers, check_whole
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_from, settings_to_dict
@@ -85,7 +85,7 @@ class Shot:
         ((120, 160), 2, 3)
     """
 
-    rgb: npt.NDArray[np.uint8]
+    rgb: Rgb
     camera: Camera
     pose: Pose
     truth: FrameTruth
@@ -96,22 +96,22 @@ class Shot:
         return self.truth.surface
 
     @property
-    def depth_m(self) -> npt.NDArray[np.float32]:
+    def depth_m(self) -> Float32Array:
         """float32 (H, W), planar z, +inf where nothing is."""
         return self.truth.surface.depth_m
 
     @property
-    def uv_px(self) -> npt.NDArray[np.float64]:
+    def uv_px(self) -> FloatArray:
         """float64 (P, 2), where the material points are in the picture."""
         return self.truth.uv_px
 
     @property
-    def xyz_m(self) -> npt.NDArray[np.float64]:
+    def xyz_m(self) -> FloatArray:
         """float64 (P, 3), where they are in the world."""
         return self.truth.xyz_m
 
     @property
-    def visible(self) -> npt.NDArray[np.bool_]:
+    def visible(self) -> BoolArray:
         """Whether the camera sees them, bool (P,)."""
         return np.asarray(self.truth.visibility) == "visible"
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array, IntArray
 
 
 @compiled
-def grid_over(
-    points: FloatArray, edge_m: float, most: float
-) -> tuple[FloatArray, float, npt.NDArray[np.int64]]:
+def grid_over(points: FloatArray, edge_m: float, most: float) -> tuple[FloatArray, float, IntArray]:
     """Lay a grid over the box of some points.
 
     Args:
@@ -41,11 +37,11 @@ def grid_over(
 @compiled
 def triangles_in_cells(
     vertices: FloatArray,
-    faces: IntArray,
+    faces: Int32Array,
     low: FloatArray,
     edge_m: float,
-    cells: npt.NDArray[np.int64],
-) -> tuple[npt.NDArray[np.int64], IntArray]:
+    cells: IntArray,
+) -> tuple[IntArray, Int32Array]:
     """List in every cell the triangles whose box touches it.
 
     Args:

@@ -22,8 +22,7 @@ from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array
 
 REST_SHARE = 0.98
 """A pair's target is at most this share of its rest distance."""
@@ -45,8 +44,8 @@ class Pairs(NamedTuple):
         friction: float64 (room,), Coulomb's coefficient, 0 for none.
     """
 
-    first: IntArray
-    second: IntArray
+    first: Int32Array
+    second: Int32Array
     target_m: FloatArray
     friction: FloatArray
 

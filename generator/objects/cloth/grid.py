@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.objects.cloth.grid_shape import GridShape
-from pliant.generator.scene.scene_object import IntArray, quads
-from pliant.spec.arrays import FloatArray
+from pliant.generator.scene.scene_object import quads
+from pliant.spec.arrays import FloatArray, Int32Array
 
 
-def grid_faces(grid: GridShape) -> IntArray:
+def grid_faces(grid: GridShape) -> Int32Array:
     """Return the two triangles of every cell, wound so that a flat sheet faces up.
 
     Args:
@@ -32,7 +32,7 @@ def grid_faces(grid: GridShape) -> IntArray:
 
 
 @lru_cache(maxsize=8)
-def grid_mesh(grid: GridShape) -> tuple[IntArray, IntArray]:
+def grid_mesh(grid: GridShape) -> tuple[Int32Array, Int32Array]:
     """Return the triangles of a grid and their edges; shared, so read-only."""
     faces = grid_faces(grid)
     edges = triangle_edges(faces)
@@ -41,10 +41,10 @@ def grid_mesh(grid: GridShape) -> tuple[IntArray, IntArray]:
     return faces, edges
 
 
-def triangle_edges(faces: IntArray) -> IntArray:
+def triangle_edges(faces: Int32Array) -> Int32Array:
     """Return every edge of a triangle mesh once: int32 (E, 2), ascending."""
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges: IntArray = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
+    edges: Int32Array = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
     return edges
 
 
@@ -65,14 +65,14 @@ def flat_positions(grid: GridShape, side_m: float) -> FloatArray:
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def corner_vertices(grid: GridShape) -> IntArray:
+def corner_vertices(grid: GridShape) -> Int32Array:
     """Return the corners at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1): int32 (4,)."""
     rows, columns = grid
     last = (rows - 1) * columns
     return np.array([0, columns - 1, last, last + columns - 1], dtype=np.int32)
 
 
-def mapped_vertices(grid: GridShape, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> IntArray:
+def mapped_vertices(grid: GridShape, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> Int32Array:
     """Return the vertex that a symmetry of the sheet sends each vertex to.
 
     The map acts on integers (steps of the grid), so that partners are exact.

@@ -19,7 +19,7 @@ from pliant.generator.objects.cloth.measure import silhouette_m2
 from pliant.generator.objects.cloth.simulator import Simulator
 from pliant.generator.objects.cloth.step import collide_table
 from pliant.generator.settings.cloth import ClothSettings
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, IntArray
 
 _SAMPLES = 256
 
@@ -115,12 +115,12 @@ def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
         simulator.free[held] = 1.0
 
 
-def grip(vertex: int, grid: GridShape) -> npt.NDArray[np.int64]:
+def grip(vertex: int, grid: GridShape) -> IntArray:
     """Return the masses a hand holds: the 3 x 3 patch about one, cut at the cloth's edges."""
     row, column = divmod(vertex, grid.columns)
     rows = np.arange(max(row - 1, 0), min(row + 2, grid.rows))
     columns = np.arange(max(column - 1, 0), min(column + 2, grid.columns))
-    held: npt.NDArray[np.int64] = (rows[:, None] * grid.columns + columns).ravel()
+    held: IntArray = (rows[:, None] * grid.columns + columns).ravel()
     return held
 
 

@@ -6,11 +6,10 @@ import numpy as np
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over, triangles_in_cells
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array
 
 
-def find_intersections(vertices: FloatArray, faces: IntArray, edges: IntArray) -> IntArray:
+def find_intersections(vertices: FloatArray, faces: Int32Array, edges: Int32Array) -> Int32Array:
     """Return every edge that properly pierces a triangle it shares no vertex with.
 
     Args:
@@ -44,7 +43,7 @@ def _volume(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float
 
 @compiled
 def _pierced(
-    vertices: FloatArray, faces: IntArray, edges: IntArray, cell_m: float, hits: IntArray
+    vertices: FloatArray, faces: Int32Array, edges: Int32Array, cell_m: float, hits: Int32Array
 ) -> int:
     low, edge_m, cells = grid_over(vertices, cell_m, 16.0 * faces.shape[0] + 1024.0)
     start, members = triangles_in_cells(vertices, faces, low, edge_m, cells)

@@ -10,8 +10,7 @@ from scipy.spatial import ConvexHull
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import triangles_in_cells
-from pliant.generator.scene.scene_object import IntArray
-from pliant.spec.arrays import BoolArray, FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray, Int32Array
 
 PIXELS_A_SIDE = 512
 """The silhouette is counted on a lattice of √area / 512: 0.1 % of a typical cloth."""
@@ -35,7 +34,7 @@ class Cover:
 
 
 def measure_cover(
-    vertices: FloatArray, faces: IntArray, corners: IntArray, area_m2: float
+    vertices: FloatArray, faces: Int32Array, corners: Int32Array, area_m2: float
 ) -> Cover:
     """Measure a cloth from above.
 
@@ -59,7 +58,7 @@ def measure_cover(
     )
 
 
-def shows_underside(vertices: FloatArray, faces: IntArray) -> bool:
+def shows_underside(vertices: FloatArray, faces: Int32Array) -> bool:
     """Return whether more of a cloth's underside than of its upper side is seen from above.
 
     Args:
@@ -73,7 +72,7 @@ def shows_underside(vertices: FloatArray, faces: IntArray) -> bool:
     return float(area[~hidden].sum()) < 0
 
 
-def _hidden_faces(vertices: FloatArray, faces: IntArray, centroids: FloatArray) -> BoolArray:
+def _hidden_faces(vertices: FloatArray, faces: Int32Array, centroids: FloatArray) -> BoolArray:
     """Return which triangles have more of the mesh above their centroids, bool (F,)."""
     own_face = np.arange(len(faces), dtype=np.int32)
     return covered_from_above(vertices, faces, centroids, own_face, np.full_like(own_face, -1))
@@ -86,7 +85,7 @@ def _inside(one: float, two: float, three: float) -> bool:
 
 
 @compiled
-def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> float:
+def silhouette_m2(vertices: FloatArray, faces: Int32Array, pixel_m: float) -> float:
     """Return the area of the union of all triangles seen from above.
 
     Args:
@@ -122,10 +121,10 @@ def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> floa
 @compiled
 def covered_from_above(
     vertices: FloatArray,
-    faces: IntArray,
+    faces: Int32Array,
     points: FloatArray,
-    own_face: IntArray,
-    own_vertex: IntArray,
+    own_face: Int32Array,
+    own_vertex: Int32Array,
 ) -> BoolArray:
     """Say which points have a triangle above them.
 

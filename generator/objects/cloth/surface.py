@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import binary_dilation
 
 from pliant.generator import portable
@@ -23,7 +22,7 @@ from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import Cover, measure_cover
 from pliant.generator.settings.cloth import ClothSettings
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, Int32Array
 
 PART = "cloth"
 
@@ -131,7 +130,7 @@ def _unpierced(wanted: FloatArray, safe: FloatArray) -> tuple[FloatArray, int]:
     return grid, len(pierced)
 
 
-def _pierced(grid: FloatArray) -> npt.NDArray[np.int32]:
+def _pierced(grid: FloatArray) -> Int32Array:
     return find_intersections(grid.reshape(-1, 3), *grid_mesh(GridShape(*grid.shape[:2])))
 
 

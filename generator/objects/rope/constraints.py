@@ -10,12 +10,11 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import segment_distance
 from pliant.generator.objects.rope.mesh import BALL_DEPTH
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, IntArray
 
 _ROPE_FRICTION: Final = 0.3
 _BALL_INVERSE_MASS: Final = 0.25
@@ -31,9 +30,7 @@ def _squared_distance(now: FloatArray, i: int, j: int) -> float:
 
 
 @compiled
-def find_pairs(
-    now: FloatArray, pairs: npt.NDArray[np.int64], n: int, apart: int, reach: float
-) -> int:
+def find_pairs(now: FloatArray, pairs: IntArray, n: int, apart: int, reach: float) -> int:
     """List the stretches, at least `apart` apart along the rope, that are nearer than `reach`."""
     count = 0
     for a in range(n - 1):
@@ -109,7 +106,7 @@ def neck(now: FloatArray, n: int, spacing: float, ball_radius: float) -> None:
 def touch(
     now: FloatArray,
     before: FloatArray,
-    pairs: npt.NDArray[np.int64],
+    pairs: IntArray,
     count: int,
     held: int,
     contact: float,

@@ -14,7 +14,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.constraints import (
@@ -28,7 +27,7 @@ from pliant.generator.objects.rope.constraints import (
 )
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
 from pliant.generator.settings.rope import RopeSettings
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import FloatArray, IntArray
 
 _GRAVITY: Final = 9.81
 _DAMPING_PER_S: Final = 8.0
@@ -139,7 +138,7 @@ class RopeState:
 def _frame(
     now: FloatArray,
     before: FloatArray,
-    pairs: npt.NDArray[np.int64],
+    pairs: IntArray,
     held: int,
     target: FloatArray,
     physics: Physics,

@@ -12,11 +12,10 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 
 CLEARANCE: Final = 1.012
 """Distance aimed at, in diameters: room for the polyline between samples."""
@@ -32,7 +31,7 @@ HIGHEST_DIAMETERS: Final = 4.0
 @compiled
 def _close_pairs(
     xy: FloatArray, crossing: FloatArray, upper: FloatArray, apart: int, reach: float, far: float
-) -> tuple[int, npt.NDArray[np.int64], FloatArray]:
+) -> tuple[int, IntArray, FloatArray]:
     """List (upper, lower, height needed) of the pairs nearer than `reach` in the plane.
 
     A pair belongs to the crossing nearest to it along both strands; the count is -1 if one has
@@ -92,7 +91,7 @@ def _spread(z: FloatArray, half: int, out: FloatArray) -> None:
 @compiled
 def _settle(
     floor: FloatArray,
-    pairs: npt.NDArray[np.int64],
+    pairs: IntArray,
     need: FloatArray,
     half: int,
     highest: float,
@@ -120,7 +119,7 @@ def _settle(
 def lift(
     xy: FloatArray,
     crossing: FloatArray,
-    late_over: npt.NDArray[np.bool_],
+    late_over: BoolArray,
     floor_m: FloatArray,
     diameter_m: float,
 ) -> FloatArray | None:

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import Chart, IntArray, quads
+from pliant.generator.scene.scene_object import Chart, quads
 from pliant.generator.settings.rope import RopeSettings
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray, Int32Array
 
 BALL_DEPTH: Final = 0.8
 """The rope's end is this share of the ball's radius away from the ball's centre."""
@@ -39,11 +38,11 @@ class RopeMesh:
     """
 
     rest: FloatArray
-    faces: IntArray
-    strand: IntArray
-    row: IntArray
-    mirror: IntArray
-    outer: npt.NDArray[np.bool_]
+    faces: Int32Array
+    strand: Int32Array
+    row: Int32Array
+    mirror: Int32Array
+    outer: BoolArray
 
 
 def rope_mesh(settings: RopeSettings) -> RopeMesh:
@@ -139,7 +138,7 @@ def _sections(settings: RopeSettings) -> FloatArray:
     return np.asarray(outline * (radius / reach))
 
 
-def _faces(index: IntArray) -> IntArray:
+def _faces(index: Int32Array) -> Int32Array:
     """Return the triangles of tubes of (strands, rows, ring) vertices, closed by flat caps."""
     after = np.roll(index, -1, axis=2)
     wall = quads(index[:, :-1], after[:, :-1], after[:, 1:], index[:, 1:])
@@ -153,7 +152,7 @@ def _faces(index: IntArray) -> IntArray:
     return np.concatenate([each.reshape(-1, 3) for each in (wall, start, end)]).astype(np.int32)
 
 
-def _outer(sections: FloatArray) -> npt.NDArray[np.bool_]:
+def _outer(sections: FloatArray) -> BoolArray:
     """Return which vertices see the outside: no edge of any strand crosses their outward ray."""
     strands, rows, ring, _ = sections.shape
     points = sections.transpose(1, 0, 2, 3).reshape(rows, strands * ring, 2)
@@ -179,7 +178,7 @@ def _outer(sections: FloatArray) -> npt.NDArray[np.bool_]:
     return outer.reshape(rows, strands, ring).transpose(1, 0, 2)
 
 
-def ball_mesh(radius_m: float) -> tuple[FloatArray, IntArray]:
+def ball_mesh(radius_m: float) -> tuple[FloatArray, Int32Array]:
     """Return a sphere around the origin, its poles on the rope's axis.
 
     Args:
