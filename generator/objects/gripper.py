@@ -100,8 +100,7 @@ def _box(middle: FloatArray, size: FloatArray, axes: FloatArray | None = None) -
             around = [-u - v, u - v, u + v, v - u]
             corners += [middle_of_side + each for each in (around if side > 0 else around[::-1])]
     scaled = 0.5 * np.array(corners) * size
-    placed: FloatArray = middle + (scaled if axes is None else portable.product(scaled, axes))
-    return placed
+    return np.asarray(middle + (scaled if axes is None else portable.product(scaled, axes)))
 
 
 def _chart(rest: FloatArray) -> FloatArray:

@@ -141,8 +141,7 @@ def slope_to_the_right(depth_m: FloatArray, on: Mask, focal_px: float) -> FloatA
     total[:, 1:] += step[:, :-1]
     count[:, 1:] += both[:, :-1]
     across_m = np.where(on, depth_m, 1.0) / focal_px
-    slope: FloatArray = total / np.maximum(count, 1) / across_m
-    return slope
+    return np.asarray(total / np.maximum(count, 1) / across_m)
 
 
 def pixels_to_the_rim(on: Mask) -> IntArray:

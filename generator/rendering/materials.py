@@ -238,5 +238,4 @@ def strand_crevices(rest: FloatArray, strands: int) -> FloatArray:
     if strands == 1:
         return np.ones(len(rest))
     radius = np.hypot(rest[:, 1], rest[:, 2])
-    share: FloatArray = np.clip((radius / radius.max() - 0.45) / 0.5, 0.5, 1.0) ** 0.8
-    return share
+    return np.asarray(np.clip((radius / radius.max() - 0.45) / 0.5, 0.5, 1.0) ** 0.8)

@@ -131,8 +131,7 @@ def _draw(points: FloatArray, faces: Int32Array, depth: Float32Array) -> None:
 
 
 def _coarse(depth: Float32Array) -> Float32Array:
-    nearest: Float32Array = minimum_filter(_block_minima(depth), 5, mode="constant", cval=_EMPTY)
-    return nearest
+    return np.asarray(minimum_filter(_block_minima(depth), 5, mode="constant", cval=_EMPTY))
 
 
 @compiled

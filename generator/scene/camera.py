@@ -146,8 +146,7 @@ def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
     x, y = extent_m
     signs = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (0.0, 1.0)])
     share = _WORKSPACE_SHARE
-    corners: FloatArray = signs * [share * x, share * y, _HEADROOM_M]
-    return corners
+    return np.asarray(signs * [share * x, share * y, _HEADROOM_M])
 
 
 def _direction(elevation_deg: float, azimuth_deg: float) -> FloatArray:

@@ -90,14 +90,12 @@ def perlin_noise(rng: np.random.Generator, height: int, width: int, scale_px: fl
 
     def corner(dj: int, di: int) -> FloatArray:
         slope = gradient[j + dj, i + di]
-        dot: FloatArray = slope[..., 0] * (fx - di) + slope[..., 1] * (fy - dj)
-        return dot
+        return np.asarray(slope[..., 0] * (fx - di) + slope[..., 1] * (fy - dj))
 
     wx, wy = (f**3 * (f * (6 * f - 15) + 10) for f in (fx, fy))
     above = corner(0, 0) * (1 - wx) + corner(0, 1) * wx
     below = corner(1, 0) * (1 - wx) + corner(1, 1) * wx
-    noise: FloatArray = above * (1 - wy) + below * wy
-    return noise
+    return np.asarray(above * (1 - wy) + below * wy)
 
 
 def _drop_edges(

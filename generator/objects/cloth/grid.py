@@ -44,8 +44,7 @@ def grid_mesh(grid: GridShape) -> tuple[Int32Array, Int32Array]:
 def triangle_edges(faces: Int32Array) -> Int32Array:
     """Return every edge of a triangle mesh once: int32 (E, 2), ascending."""
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges: Int32Array = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
-    return edges
+    return np.asarray(np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32))
 
 
 def flat_positions(grid: GridShape, side_m: float) -> FloatArray:

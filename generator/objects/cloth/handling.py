@@ -89,8 +89,7 @@ def hand_steps(action: Action, dt_s: float) -> FloatArray:
     at = np.linspace(0.0, _SAMPLES, steps + 1)
     whole = np.arange(_SAMPLES + 1)
     places = np.stack([np.interp(at, whole, path[:, c]) for c in range(3)], axis=1)
-    moved: FloatArray = np.diff(places, axis=0)
-    return moved
+    return np.asarray(np.diff(places, axis=0))
 
 
 def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
@@ -120,15 +119,13 @@ def grip(vertex: int, grid: GridShape) -> IntArray:
     row, column = divmod(vertex, grid.columns)
     rows = np.arange(max(row - 1, 0), min(row + 2, grid.rows))
     columns = np.arange(max(column - 1, 0), min(column + 2, grid.columns))
-    held: IntArray = (rows[:, None] * grid.columns + columns).ravel()
-    return held
+    return np.asarray((rows[:, None] * grid.columns + columns).ravel())
 
 
 def _ease(t: FloatArray) -> FloatArray:
     """Go from 0 to 1 while t does, starting and ending at rest."""
     c = np.clip(t, 0.0, 1.0)
-    eased: FloatArray = c * c * (3.0 - 2.0 * c)
-    return eased
+    return np.asarray(c * c * (3.0 - 2.0 * c))
 
 
 class Handling:
@@ -173,8 +170,7 @@ class Handling:
 
     def middle(self) -> FloatArray:
         """Return the mean of the masses over the table: float64 (2,), metres."""
-        mean: FloatArray = self.simulator.positions[:, :2].mean(axis=0)
-        return mean
+        return np.asarray(self.simulator.positions[:, :2].mean(axis=0))
 
     def top_vertex(self, xy: FloatArray) -> int:
         """Return the uppermost mass about a place, the nearest one where there is none."""
@@ -299,5 +295,4 @@ class Handling:
             towards, angle = np.array([1.0, 0.0]), self.rng.uniform(-math.pi, math.pi)
             length = 1.0
         c, s = math.cos(angle), math.sin(angle)
-        turned: FloatArray = portable.product(towards / length, np.array([[c, s], [-s, c]]))
-        return turned
+        return np.asarray(portable.product(towards / length, np.array([[c, s], [-s, c]])))

@@ -134,8 +134,7 @@ class Simulator:
 
     def speeds(self) -> FloatArray:
         """Return how fast each mass moves: float64 (N,), m/s."""
-        speeds: FloatArray = np.linalg.norm(self.positions - self.previous, axis=1) / self.dt_s
-        return speeds
+        return np.asarray(np.linalg.norm(self.positions - self.previous, axis=1) / self.dt_s)
 
     def place(self, positions: FloatArray) -> None:
         """Put the masses somewhere, at rest.

@@ -144,8 +144,7 @@ def _averaged(grid: FloatArray) -> FloatArray:
     """Average over 3 x 3 vertices, weights (1 2 1) / 4 either way, straight on past an edge."""
     around = np.pad(grid, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     rows = 0.25 * (around[:-2] + around[2:]) + 0.5 * around[1:-1]
-    mean: FloatArray = 0.25 * (rows[:, :-2] + rows[:, 2:]) + 0.5 * rows[:, 1:-1]
-    return mean
+    return np.asarray(0.25 * (rows[:, :-2] + rows[:, 2:]) + 0.5 * rows[:, 1:-1])
 
 
 def _four_point(grid: FloatArray, axis: int) -> FloatArray:
