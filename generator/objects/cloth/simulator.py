@@ -16,7 +16,7 @@ import numpy as np
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.springs import add_spring_forces, build_springs
-from pliant.generator.objects.cloth.step import STRETCH_LIMIT, Motion, limit_stretch, verlet_step
+from pliant.generator.objects.cloth.step import Motion, limit_stretch, verlet_step
 from pliant.spec.arrays import FloatArray
 
 Collider = Callable[[FloatArray, FloatArray, FloatArray], None]
@@ -123,8 +123,7 @@ class Simulator:
         verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)
         for collider in self.colliders:
             collider(self.positions, self.previous, self.free)
-        ends = springs.a, springs.b
-        limit_stretch(self.positions, self.free, *ends, springs.rest_m, STRETCH_LIMIT)
+        limit_stretch(self.positions, self.free, springs.a, springs.b, springs.rest_m)
         self.steps += 1
 
     def run(self, steps: int) -> None:

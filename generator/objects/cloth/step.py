@@ -123,9 +123,8 @@ def limit_stretch(
     a: npt.NDArray[np.uint32],
     b: npt.NDArray[np.uint32],
     rest_m: FloatArray,
-    limit: float,
 ) -> None:
-    """Shorten every spring that is too long, one after another.
+    """Shorten every spring that is longer than the limit, one after another.
 
     The correction is split evenly between the two ends; a pinned or held end stays and the
     other takes all of it.
@@ -136,7 +135,6 @@ def limit_stretch(
         a: uint32 (S,), as in `Springs`, and so the rest.
         b: uint32 (S,).
         rest_m: float64 (S,).
-        limit: Longest allowed length over the rest length.
     """
     for s in range(a.shape[0]):
         i = a[s]
@@ -144,7 +142,7 @@ def limit_stretch(
         square = 0.0
         for c in range(3):
             square += (positions[j, c] - positions[i, c]) ** 2
-        longest = limit * rest_m[s]
+        longest = STRETCH_LIMIT * rest_m[s]
         if square <= longest * longest:
             continue
         movable = free[i] + free[j]
