@@ -12,21 +12,13 @@ from typing import Final
 import numpy as np
 
 from pliant.generator.compiled import compiled
-from pliant.generator.objects.rope.contact import segment_distance
+from pliant.generator.objects.rope.contact import segment_distance, squared_distance
 from pliant.generator.objects.rope.mesh import BALL_DEPTH
 from pliant.spec.arrays import FloatArray, IntArray
 
 _ROPE_FRICTION: Final = 0.3
 _BALL_INVERSE_MASS: Final = 0.25
 _PRESSED_INVERSE_MASS: Final = 2.0
-
-
-@compiled
-def _squared_distance(now: FloatArray, i: int, j: int) -> float:
-    d2 = 0.0
-    for c in range(3):
-        d2 += (now[j, c] - now[i, c]) ** 2
-    return d2
 
 
 @compiled
@@ -51,7 +43,7 @@ def find_pairs(now: FloatArray, pairs: IntArray, n: int, apart: int, reach: floa
 @compiled
 def _move_apart(now: FloatArray, i: int, j: int, wi: float, wj: float, rest: float) -> None:
     """Bring two particles to a distance, each by its share of inverse mass."""
-    d = math.sqrt(_squared_distance(now, i, j))
+    d = math.sqrt(squared_distance(now, i, j))
     share = (d - rest) / (max(d, 1e-12) * (wi + wj))
     for c in range(3):
         move = share * (now[j, c] - now[i, c])
@@ -98,7 +90,7 @@ def neck(now: FloatArray, n: int, spacing: float, ball_radius: float) -> None:
     apart = BALL_DEPTH * ball_radius
     _move_apart(now, n, 0, _BALL_INVERSE_MASS, 1.0, apart)
     straight = 0.99 * (apart + spacing)
-    if _squared_distance(now, n, 1) < straight * straight:
+    if squared_distance(now, n, 1) < straight * straight:
         _move_apart(now, n, 1, _BALL_INVERSE_MASS, 1.0, straight)
 
 

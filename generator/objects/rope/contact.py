@@ -19,6 +19,15 @@ STATIC_RULE: Final = 0.98
 
 
 @compiled
+def squared_distance(points: FloatArray, i: int, j: int) -> float:
+    """Return the squared distance of two points of float64 (n, 3)."""
+    d2 = 0.0
+    for c in range(3):
+        d2 += (points[j, c] - points[i, c]) ** 2
+    return d2
+
+
+@compiled
 def segment_distance(points: FloatArray, a: int, b: int) -> tuple[float, float, float]:
     """Return the squared distance of segments (a, a+1) and (b, b+1), and where they are nearest.
 
@@ -77,18 +86,12 @@ def nearest_stretches(points: FloatArray, length_m: float, diameter_m: float) ->
     best = np.inf
     longest = 0.0
     for i in range(n - 1):
-        d = 0.0
-        for c in range(3):
-            d += (points[i + 1, c] - points[i, c]) ** 2
-        longest = max(longest, d)
+        longest = max(longest, squared_distance(points, i, i + 1))
     longest = math.sqrt(longest)
     for a in range(n - 1):
         b = a + apart
         while b < n - 1:
-            d = 0.0
-            for c in range(3):
-                d += (points[a, c] - points[b, c]) ** 2
-            d = math.sqrt(d) - 2.0 * longest
+            d = math.sqrt(squared_distance(points, a, b)) - 2.0 * longest
             if d >= best:
                 # Too far for the next few segments as well.
                 b += max(1, int((d - best) / longest))

@@ -37,15 +37,6 @@ class Episode:
         info: Facts of it: action, phase, hand; at the start the shape it was drawn in.
     """
 
-    frame: int
-    state: RopeState
-    info: dict[str, Any]
-    _rng: np.random.Generator
-    _action: Action | None
-    _actions: int
-    _normal: FloatArray
-    _tangent: FloatArray
-
     def __init__(
         self, body: RopeBody, shape: str, new_generator: Callable[[], np.random.Generator]
     ) -> None:
@@ -120,10 +111,10 @@ class Episode:
             self.state.advance()
         self._normal = upward_normal(self.state.chain, roll)
         self._tangent = first_direction(self.state.chain)
-        self._action = None
+        self._action: Action | None = None
         self._actions = 0
         self.frame = 0
-        self.info = {
+        self.info: dict[str, Any] = {
             "shape": self._shape,
             "roll_rad": roll,
             "start_control_points_m": made.control_points.tolist(),

@@ -7,7 +7,7 @@ sampler then draws the next one from the same generator.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,7 +46,7 @@ class Plan:
     late_over: Callable[[FloatArray, FloatArray], BoolArray]
     crossings: tuple[int, int]
     spans: tuple[float, float]
-    detail: dict[str, float | str | bool]
+    detail: Mapping[str, float | str | bool]
 
 
 def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator) -> str:
@@ -154,7 +154,7 @@ def _loop(settings: RopeSettings, rng: np.random.Generator) -> Plan:
     )
     nodes = _place_nodes(_walk(heading, settings.length_m), settings.control_points)
     over = rng.integers(2) == 0
-    detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": False}
+    detail = {"loop_radius_m": radius, "tucked": False}
     return Plan(nodes, _in_turn(over), (1, 2), (0.0, 0.6), detail)
 
 
@@ -180,7 +180,7 @@ def _tucked(settings: RopeSettings, rng: np.random.Generator) -> Plan:
         path = path[::-1]
     nodes = _place_nodes(path, settings.control_points)
     over = rng.integers(2) == 0
-    detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": True}
+    detail = {"loop_radius_m": radius, "tucked": True}
     return Plan(nodes, _in_turn(over, not over), (2, 2), (0.0, 1.0), detail)
 
 
@@ -224,13 +224,9 @@ def _pretzel() -> FloatArray:
     """Return the trefoil (sin t + 2 sin 2t, cos t - 2 cos 2t), opened on an outer lobe."""
     start, cut = math.pi / 3.0, 0.50
     t = np.linspace(start + cut, start + 2.0 * math.pi - cut, _SAMPLES)
-    return np.stack(
-        [
-            portable.sin(t) + 2.0 * portable.sin(2.0 * t),
-            portable.cos(t) - 2.0 * portable.cos(2.0 * t),
-        ],
-        axis=1,
-    )
+    x = portable.sin(t) + 2.0 * portable.sin(2.0 * t)
+    y = portable.cos(t) - 2.0 * portable.cos(2.0 * t)
+    return np.stack([x, y], axis=1)
 
 
 def _knot_core(knot: str, pretzel: bool) -> FloatArray:
@@ -272,11 +268,7 @@ def _knot(knot: str, settings: RopeSettings, rng: np.random.Generator) -> Plan:
         return np.asarray((np.searchsorted(passages, late) % 2 == 0) == starts_over)
 
     count = 3 if knot == "overhand" else 4
-    detail: dict[str, float | str | bool] = {
-        "knot": knot,
-        "knot_diameters": size,
-        "pretzel": pretzel,
-    }
+    detail = {"knot": knot, "knot_diameters": size, "pretzel": pretzel}
     return Plan(nodes, late_over, (count, count), (0.0, 1.0), detail)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -52,7 +53,7 @@ class Configuration:
     handles: FloatArray
     ball_centre: FloatArray | None
     attempts: int
-    detail: dict[str, Any]
+    detail: Mapping[str, Any]
 
 
 def sample_configuration(
@@ -72,16 +73,16 @@ def sample_configuration(
         GenerationError: None held; the settings leave the shape too little room.
     """
     variant = sample_variant(shape, settings, rng)
-    for attempt in range(1, len(_LENGTH_TOLERANCES) * ATTEMPTS + 1):
+    most = len(_LENGTH_TOLERANCES) * ATTEMPTS
+    for attempt in range(1, most + 1):
         tolerance = _LENGTH_TOLERANCES[(attempt - 1) // ATTEMPTS]
         plan = plan_shape(shape, variant, settings, rng)
         made = _build(plan, settings, rng, attempt, tolerance)
         if made is not None:
             return made
-    tried = len(_LENGTH_TOLERANCES) * ATTEMPTS
     kind = shape if variant == "plain" else f"{variant} {shape}"
     raise GenerationError(
-        f"no possible {kind} was found in {tried} attempts",
+        f"no possible {kind} was found in {most} attempts",
         where="rope",
         fix="Make the rope longer or thinner, widen the workspace, or leave this shape out.",
     )
@@ -120,7 +121,6 @@ def _build(
     if not _as_planned(plan, crossing, samples):
         return None
     late_over = plan.late_over(crossing[:, 0] / (samples - 1), crossing[:, 1] / (samples - 1))
-    curve = None
     for _ in range(12):
         # Climbing takes length: shrink the plan until the whole is as long as the rope.
         xy = scale * flat
@@ -134,7 +134,6 @@ def _build(
         scale *= settings.length_m / length
     else:
         return None
-    assert curve is not None
     curve *= settings.length_m / length
     scale *= settings.length_m / length
     centreline = resample(curve, settings.rows)
@@ -147,8 +146,8 @@ def _build(
     if settings.ball:
         ball = ball_centre_of(centreline, settings)
         ball[2] = settings.ball_radius_m  # the first point's own height, to a tenth of a millimetre
-    if ball is not None and not _clear_of_ball(centreline, ball, settings):
-        return None
+        if not _clear_of_ball(centreline, ball, settings):
+            return None
     shift = _centre(centreline, ball, settings)
     if shift is None:
         return None
@@ -158,7 +157,7 @@ def _build(
         handles=scale * handles - shift,
         ball_centre=None if ball is None else ball - np.append(shift, 0.0),
         attempts=attempt,
-        detail=dict(plan.detail),
+        detail=plan.detail,
     )
 
 
