@@ -124,27 +124,25 @@ class Rope:
         way = float(np.linalg.norm(goal - start))
         frames = max(1, int(np.ceil(way / speed_m_s * self.settings.frame_rate_hz)))
         for frame in range(1, frames + 1):
-            self._advance(held, start + (goal - start) * frame / frames)
-            if each is not None:
-                each()
+            self._advance(each, held, start + (goal - start) * frame / frames)
 
     def settle(self, frames: int = SETTLE_FRAMES, *, each: Each | None = None) -> None:
         """Let go, and let it fall for some frames of time; `each` as in `pull`."""
         for _ in range(frames):
-            self._advance()
-            if each is not None:
-                each()
+            self._advance(each)
 
     def pose(self) -> Pose:
         """Return the geometry as it is now."""
         return self._body.pose(self._line, self._normal, self._state.ball, {})
 
-    def _advance(self, held: int = -1, target: FloatArray | None = None) -> None:
+    def _advance(self, each: Each | None, held: int = -1, target: FloatArray | None = None) -> None:
         tangent = first_direction(self._state.chain)
         self._state.advance(held, target)
         self._normal = turned(self._normal, tangent, first_direction(self._state.chain))
         smooth = smooth_curve(self._state.chain, self.settings.radius_m)
         self._line = resample(smooth, self.settings.rows)
+        if each is not None:
+            each()
 
     def _check(self, line: FloatArray) -> None:
         radius, diameter = self.settings.radius_m, self.settings.diameter_m
