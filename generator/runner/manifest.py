@@ -148,15 +148,13 @@ class RunFolder:
 
     def store_config(self, config: GenerateConfig, *, finished: bool) -> None:
         """Remember a config, and whether its run came to its end."""
-        resolved = config.resolved()
-        document = {"given": _given(config), "resolved": resolved, "finished": finished}
-        write_atomically(self._config, json.dumps(document, indent=1, sort_keys=True) + "\n")
+        document = {"given": _given(config), "resolved": config.resolved(), "finished": finished}
+        _write(self._config, document)
 
     def store_failures(self, failures: list[Failure]) -> None:
         """Remember the sequences that failed, with their tracebacks; none removes the file."""
         if failures:
-            text = json.dumps([asdict(failure) for failure in failures], indent=1) + "\n"
-            write_atomically(self._failures, text)
+            _write(self._failures, [asdict(failure) for failure in failures])
         else:
             self._failures.unlink(missing_ok=True)
 
@@ -203,10 +201,10 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
         )
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file so that its name never stands for half of it, even after a power cut."""
+def _write(path: Path, document: Any) -> None:
+    """Write a JSON file so that its name never stands for half of it, even after a power cut."""
     with replacing(path, durable=True) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def _given(config: GenerateConfig) -> dict[str, Any]:
