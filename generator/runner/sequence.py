@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -72,7 +73,6 @@ class SequenceMaker:
         self.config = config
         self.root = root
         self.renderer = open_renderer(config.style, config.size, threads, config.depth_faults)
-        self._tools = tool_versions(config.style)
         self._tiers: set[str] = set()  # of which a sequence was made
 
     def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
@@ -100,7 +100,9 @@ class SequenceMaker:
                 ends_cpu_s.append(time.process_time())
                 on_frame()
             with clock("tables"):
-                size = writer.finish(self._info(task, shooting, frame_info), scene_object.points)
+                appearance = shooting.appearance
+                info = sequence_info(self.config, task, scene_object, appearance, frame_info)
+                size = writer.finish(info, scene_object.points)
         clock.seconds["encode"] = writer.encode_cpu_s
         warm = task.tier in self._tiers
         self._tiers.add(task.tier)
@@ -172,30 +174,36 @@ class SequenceMaker:
 
         return Shooting(scene_object, camera, appearance, frames())
 
-    def _info(
-        self, task: SequenceTask, shooting: Shooting, frame_info: list[dict[str, Any]]
-    ) -> dict[str, Any]:
-        config, scene_object = self.config, shooting.scene_object
-        parameters = {**scene_object.info, "look": shooting.appearance}
-        if config.depth_faults is not None:
-            parameters["depth_camera"] = config.depth_faults
-        return {
-            "id": task.id,
-            "tier": task.tier,
-            "split": task.split,
-            "shape": scene_object.shape,
-            "index": task.index,
-            "seed": config.public_seed or 0,
-            "temporal": scene_object.temporal,
-            "frames": scene_object.frames,
-            "style": config.style,
-            "noise": settings_to_dict(config.noise),
-            "parameters": settings_to_dict(parameters),
-            "frame_info": frame_info,
-            "tools": self._tools,
-        }
+
+def sequence_info(
+    config: GenerateConfig,
+    task: SequenceTask,
+    scene_object: SceneObject,
+    appearance: Appearance,
+    frame_info: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return the fields of `sequence.json` that are known before its files are written."""
+    parameters = {**scene_object.info, "look": appearance}
+    if config.depth_faults is not None:
+        parameters["depth_camera"] = config.depth_faults
+    return {
+        "id": task.id,
+        "tier": task.tier,
+        "split": task.split,
+        "shape": scene_object.shape,
+        "index": task.index,
+        "seed": config.public_seed or 0,
+        "temporal": scene_object.temporal,
+        "frames": len(frame_info),
+        "style": config.style,
+        "noise": settings_to_dict(config.noise),
+        "parameters": settings_to_dict(parameters),
+        "frame_info": frame_info,
+        "tools": tool_versions(config.style),
+    }
 
 
+@functools.cache
 def tool_versions(style: str) -> dict[str, str]:
     """Return name -> version of what decides the bytes of a sequence."""
     names = ["pliant", "numpy", "numba", "pyarrow", "OpenEXR"] + ["bpy"] * (style in BLENDER_STYLES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.rendering import open_renderer
 from pliant.generator.runner.dataset_files import write_dataset_files
-from pliant.generator.runner.sequence import frame_facts, tool_versions
+from pliant.generator.runner.sequence import frame_facts, sequence_info
 from pliant.generator.runner.sequence_writer import writing_sequence
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.camera import looking_at, sample_camera
@@ -271,24 +271,10 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
 
 
 def _write_sequence(film: Film, config: GenerateConfig, task: SequenceTask, out: Path) -> None:
-    scene_object = film.scene_object
+    scene_object = replace(film.scene_object, temporal=film.temporal)
     queried = describe_tier(config, task.tier).queried_object
     facts = [frame_facts(scene_object, shot.pose, shot.truth, queried) for shot in film.shots]
-    info = {
-        "id": task.id,
-        "tier": task.tier,
-        "split": task.split,
-        "shape": None,
-        "index": task.index,
-        "seed": 0,
-        "temporal": film.temporal,
-        "frames": len(film.shots),
-        "style": film.style,
-        "noise": None,
-        "parameters": {**scene_object.info, "look": settings_to_dict(film.look)},
-        "frame_info": facts,
-        "tools": tool_versions(film.style),
-    }
+    info = sequence_info(config, task, scene_object, film.look, facts) | {"noise": None}
     with writing_sequence(task.folder(out)) as writer:
         for shot in film.shots:
             writer.add_frame(shot.rgb, shot.truth, shot.camera)
