@@ -53,6 +53,33 @@ class Episode:
         self._new_generator = new_generator
         self._start()
 
+    def _start(self) -> None:
+        settings = self._settings
+        self._rng = self._new_generator()
+        made = sample_configuration(self._shape, settings, self._rng)
+        limit = np.deg2rad(settings.roll_deg)
+        roll = float(self._rng.uniform(-limit, limit))
+        curve = resample(made.centreline, settings.particles)
+        self.state = RopeState(settings, curve, made.ball_centre)
+        for _ in range(_SETTLE_FRAMES):
+            self.state.advance()
+        self._normal = upward_normal(self.state.chain, roll)
+        self._tangent = first_direction(self.state.chain)
+        self._action: Action | None = None
+        self._actions = 0
+        self.frame = 0
+        self.info: dict[str, Any] = {
+            "shape": self._shape,
+            "roll_rad": roll,
+            "start_control_points_m": made.control_points.tolist(),
+            "start_handles_m": made.handles.tolist(),
+            **made.detail,
+            "action": -1,
+            "phase": "start",
+            "hand_m": None,
+            "d_action": [0.0, 0.0, 0.0],
+        }
+
     def pose(self, frame: int) -> Pose:
         """Return the geometry of a frame.
 
@@ -98,30 +125,3 @@ class Episode:
         self._normal = turned(self._normal, self._tangent, tangent)
         self._tangent = tangent
         self.frame += 1
-
-    def _start(self) -> None:
-        settings = self._settings
-        self._rng = self._new_generator()
-        made = sample_configuration(self._shape, settings, self._rng)
-        limit = np.deg2rad(settings.roll_deg)
-        roll = float(self._rng.uniform(-limit, limit))
-        curve = resample(made.centreline, settings.particles)
-        self.state = RopeState(settings, curve, made.ball_centre)
-        for _ in range(_SETTLE_FRAMES):
-            self.state.advance()
-        self._normal = upward_normal(self.state.chain, roll)
-        self._tangent = first_direction(self.state.chain)
-        self._action: Action | None = None
-        self._actions = 0
-        self.frame = 0
-        self.info: dict[str, Any] = {
-            "shape": self._shape,
-            "roll_rad": roll,
-            "start_control_points_m": made.control_points.tolist(),
-            "start_handles_m": made.handles.tolist(),
-            **made.detail,
-            "action": -1,
-            "phase": "start",
-            "hand_m": None,
-            "d_action": [0.0, 0.0, 0.0],
-        }

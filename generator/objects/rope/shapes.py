@@ -46,7 +46,7 @@ class Plan:
     late_over: Callable[[FloatArray, FloatArray], BoolArray]
     crossings: tuple[int, int]
     spans: tuple[float, float]
-    detail: Mapping[str, float | str | bool]
+    detail: Mapping[str, object]
 
 
 def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator) -> str:
