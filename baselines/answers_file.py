@@ -23,6 +23,7 @@ from pliant.baselines.submission_file import (
     query_keys,
     submission_footer,
 )
+from pliant.spec.arrays import BoolArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.parquet import write_table
@@ -246,10 +247,10 @@ def _float(value: Any, words: dict[str, bool]) -> float:
 def _order(
     path: Path,
     numbers: dict[str, npt.NDArray[Any]],
-    asked: npt.NDArray[np.int64],
+    asked: IntArray,
     first: int,
     allow_missing: bool,
-) -> npt.NDArray[np.int64]:
+) -> IntArray:
     """Return the row that answers each query, in the order of the queries."""
     count = len(numbers["u"])
     if "pair_id" not in numbers:
@@ -285,7 +286,7 @@ def _refuse(
     path: Path,
     message: str,
     numbers: dict[str, npt.NDArray[Any]],
-    wrong: npt.NDArray[np.bool_],
+    wrong: BoolArray,
     first: int,
     keys: tuple[str, ...],
 ) -> None:

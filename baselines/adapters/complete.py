@@ -7,13 +7,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.adapters.images import function_name
 from pliant.baselines.adapters.sparse import SparseMatcher
 from pliant.baselines.matcher import Matcher, SplitMatcher, TrackMatcher
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import Float32Array
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
 
@@ -111,7 +111,7 @@ def _fill(method: Any, attribute: str, value: object) -> None:
         ) from error
 
 
-MatchFunction = Callable[[Frame, Frame, npt.NDArray[np.float32]], npt.ArrayLike]
+MatchFunction = Callable[[Frame, Frame, Float32Array], npt.ArrayLike]
 """(source, target, query pixels (N, 2)) -> their positions in the target (N, 2), pixels."""
 
 

@@ -37,11 +37,7 @@ class DenseMatcher:
     """
 
     def __init__(
-        self,
-        function: DenseFunction,
-        name: str,
-        images: Images,
-        kind: Literal["flow", "warp"],
+        self, function: DenseFunction, name: str, images: Images, kind: Literal["flow", "warp"]
     ) -> None:
         self.name = name
         self._function, self._images, self._kind = function, images, kind

@@ -13,7 +13,7 @@ from pliant.baselines.adapters.images import Images, as_grid, function_name, sam
 from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.answers import Answers
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, IntArray
 from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
@@ -51,7 +51,7 @@ class DescriptorMatcher:
     ) -> None:
         self.name = name
         self._function, self._images, self._grid = function, images, grid
-        self._maps: LRUCache[npt.NDArray[np.float32]] = LRUCache(_FRAMES)
+        self._maps: LRUCache[Float32Array] = LRUCache(_FRAMES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
@@ -73,7 +73,7 @@ class DescriptorMatcher:
         uv_px = np.concatenate([np.zeros((0, 2)), *found])
         return Answers(uv_px.astype(np.float32))
 
-    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the cosine similarity of every target pixel; see `HeatMatcher.heat`."""
         wanted = self._wanted(source, uv_a_px[None])
         cells, described = self._cells(target), self._map(target)
@@ -88,11 +88,11 @@ class DescriptorMatcher:
         share = float(softmax(logits).max()) if len(cells) else 0.0
         return Heat(values, "cosine similarity", share, "probability of the best cell")
 
-    def _map(self, view: Frame) -> npt.NDArray[np.float32]:
+    def _map(self, view: Frame) -> Float32Array:
         """Return a view's descriptors, float32 (h, w, D), of length 1."""
         return self._maps.get(view.cache_key, lambda: self._described(view))
 
-    def _described(self, view: Frame) -> npt.NDArray[np.float32]:
+    def _described(self, view: Frame) -> Float32Array:
         found = self._function(self._images.image(view))
         sizes = (view.rgb.shape[1::-1], self._images.size_of(view))
         grid = as_grid(found, None, self.name, sizes)
@@ -103,7 +103,7 @@ class DescriptorMatcher:
             )
         return _unit(grid.astype(np.float32))
 
-    def _wanted(self, source: Frame, uv_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    def _wanted(self, source: Frame, uv_px: npt.NDArray[Any]) -> Float32Array:
         """Return the descriptors of source pixels, float32 (N, D)."""
         described = self._map(source)
         stride, first = self._geometry(described, source)
@@ -124,13 +124,13 @@ class DescriptorMatcher:
         return pixels
 
     def _nearest_cell(
-        self, uv_px: npt.NDArray[np.float32], described: npt.NDArray[Any], view: Frame
-    ) -> npt.NDArray[np.int64]:
+        self, uv_px: Float32Array, described: npt.NDArray[Any], view: Frame
+    ) -> IntArray:
         stride, first = self._geometry(described, view)
         last = np.array(described.shape[1::-1]) - 1
         return np.clip(np.rint((uv_px - first) / stride), 0, last).astype(np.int64)
 
-    def _cells(self, view: Frame) -> npt.NDArray[np.int64]:
+    def _cells(self, view: Frame) -> IntArray:
         """Return column and row of the cells that touch the object, int64 (M, 2)."""
         described = self._map(view)
         on = np.zeros(described.shape[:2], np.bool_)
@@ -139,14 +139,12 @@ class DescriptorMatcher:
         return np.argwhere(on)[:, ::-1]
 
 
-def _unit(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+def _unit(values: npt.NDArray[Any]) -> Float32Array:
     length = np.linalg.norm(values, axis=-1, keepdims=True)
     return (values / np.maximum(length, 1e-12)).astype(np.float32)
 
 
-def _refined(
-    described: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], at: FloatArray
-) -> FloatArray:
+def _refined(described: Float32Array, wanted: Float32Array, at: FloatArray) -> FloatArray:
     """Return where, within a cell of the best cells, interpolated descriptors agree best.
 
     Args:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.baselines.answers import to_array
-from pliant.spec.arrays import Float32Array, FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, Rgb
 from pliant.spec.calls import check_type, check_whole
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
 from pliant.spec.frame import Frame
@@ -87,7 +87,7 @@ class Images:
         tensor = torch.from_numpy(stacked).to(self.device)
         return tensor.permute(0, 3, 1, 2).to(torch.float32) / 255
 
-    def to_function(self, uv_px: npt.NDArray[Any], view: Frame) -> npt.NDArray[np.float32]:
+    def to_function(self, uv_px: npt.NDArray[Any], view: Frame) -> Float32Array:
         """Return pixels of a view as the function counts them, float32 (N, 2)."""
         size = self.size_of(view)
         position = np.asarray(uv_px, np.float64) * (size / view.rgb.shape[1::-1])
@@ -109,7 +109,7 @@ class Images:
         return pixels
 
 
-def _resized(rgb: npt.NDArray[np.uint8], size: FloatArray) -> npt.NDArray[np.uint8]:
+def _resized(rgb: Rgb, size: FloatArray) -> Rgb:
     """Resize by Pillow's bilinear filter, which averages when an image becomes smaller."""
     width, height = (int(side) for side in size)
     if rgb.shape[:2] == (height, width):

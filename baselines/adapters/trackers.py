@@ -11,10 +11,11 @@ import numpy.typing as npt
 from pliant.baselines.adapters.images import Images, as_probability, function_name
 from pliant.baselines.answers import to_array
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import Float32Array
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Frame, Pair
 
-TrackFunction = Callable[[Any, npt.NDArray[np.float32]], Any]
+TrackFunction = Callable[[Any, Float32Array], Any]
 """(frames, points (N, 2) in the first frame) -> tracks (T, N, 2), alone or with the probability
 (T, N) that a point is visible; with or without a batch dimension of 1."""
 
@@ -55,7 +56,7 @@ class TrackerMatcher:
         """Answer query pixels by a clip of two frames; see `Matcher.answer`."""
         return next(self.track([pair.source, pair.target], pair.uv_a_px))
 
-    def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher.track`.
 
         Raises:
@@ -72,7 +73,7 @@ class TrackerMatcher:
         if len(clip) > 1:
             yield from self._clip(clip, points)
 
-    def _clip(self, clip: list[Frame], uv_px: npt.NDArray[np.float32]) -> list[Answers]:
+    def _clip(self, clip: list[Frame], uv_px: Float32Array) -> list[Answers]:
         """Return the answers in each frame after the first."""
         frames = self._images.images(clip)
         count = max(len(uv_px), 1)
@@ -93,7 +94,7 @@ class TrackerMatcher:
         ]
 
     def _call(
-        self, frames: Any, points: npt.NDArray[np.float32]
+        self, frames: Any, points: Float32Array
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
         found = self._function(frames, points)
         given = found if isinstance(found, tuple) else (found, None)

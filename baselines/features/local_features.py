@@ -7,18 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.features.nearest import Descriptors, Metric, distances, nearest, ratio_test
 from pliant.baselines.matcher import Heat
-from pliant.baselines.pixels import (
-    central_position,
-    lies_on,
-    luma,
-    pixel_centres,
-    searched_mask,
-)
+from pliant.baselines.pixels import central_position, lies_on, luma, pixel_centres, searched_mask
 from pliant.spec.answers import Answers, Matches
+from pliant.spec.arrays import BoolArray, Float32Array, ImageArray
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
@@ -44,7 +38,7 @@ class Keypoints:
         descriptors: (N, D).
     """
 
-    uv_px: npt.NDArray[np.float32]
+    uv_px: Float32Array
     descriptors: Descriptors
 
 
@@ -58,7 +52,7 @@ class LocalFeatures(Protocol):
         """Return settings and versions for the submission's footer."""
         ...
 
-    def detect(self, grey: npt.NDArray[np.uint8]) -> Keypoints:
+    def detect(self, grey: ImageArray) -> Keypoints:
         """Find and describe the image's own keypoints.
 
         Args:
@@ -66,9 +60,7 @@ class LocalFeatures(Protocol):
         """
         ...
 
-    def describe_at(
-        self, grey: npt.NDArray[np.uint8], uv_px: npt.NDArray[np.float32]
-    ) -> Descriptors:
+    def describe_at(self, grey: ImageArray, uv_px: Float32Array) -> Descriptors:
         """Describe the patches around given positions.
 
         Args:
@@ -83,7 +75,7 @@ class LocalFeatures(Protocol):
 
 @dataclass(frozen=True)
 class _Dense:
-    uv_px: npt.NDArray[np.float32]  # (G, 2)
+    uv_px: Float32Array  # (G, 2)
     descriptors: Descriptors  # (G, D)
     stride: int
 
@@ -170,7 +162,7 @@ class LocalFeatureMatcher:
         )
         return Matches(uv_a_px=a.uv_px[row_a], uv_b_px=b.uv_px[row_b], score=score)
 
-    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return how alike each place of the target is to the query.
 
         Args:
@@ -224,12 +216,7 @@ class LocalFeatureMatcher:
         return self._keypoints.get(view.cache_key, make)
 
 
-def _paint(
-    values: npt.NDArray[np.float32],
-    dense: _Dense,
-    score: npt.NDArray[np.float32],
-    mask: npt.NDArray[np.bool_],
-) -> None:
+def _paint(values: Float32Array, dense: _Dense, score: Float32Array, mask: BoolArray) -> None:
     """Spread a grid's scores over the blocks of pixels they stand for, inside the mask."""
     column, row = np.floor(dense.uv_px).astype(np.int64).T
     first = -(dense.stride // 2)

@@ -7,6 +7,8 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import BoolArray, Float32Array, IntArray
+
 Metric = Literal["euclidean", "hamming"]
 
 Descriptors = npt.NDArray[Any]
@@ -16,7 +18,7 @@ ROWS_AT_ONCE: Final = 256
 """Queries that are compared in one matrix product; bounds the memory."""
 
 
-def distances(a: Descriptors, b: Descriptors, metric: Metric) -> npt.NDArray[np.float32]:
+def distances(a: Descriptors, b: Descriptors, metric: Metric) -> Float32Array:
     """Return all distances between two sets of descriptors.
 
     Both are computed as |a|² + |b|² - 2 a·b. For integer-valued descriptors (SIFT as OpenCV
@@ -42,7 +44,7 @@ def distances(a: Descriptors, b: Descriptors, metric: Metric) -> npt.NDArray[np.
 
 def nearest(
     queries: Descriptors, candidates: Descriptors, metric: Metric
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+) -> tuple[IntArray, BoolArray]:
     """Return the nearest candidate of each query, and whether the choice means anything.
 
     Args:
@@ -66,7 +68,7 @@ def nearest(
 
 def ratio_test(
     a: Descriptors, b: Descriptors, metric: Metric, ratio: float
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+) -> tuple[IntArray, IntArray, Float32Array]:
     """Match by Lowe's ratio test (IJCV 2004, section 7.1).
 
     A descriptor of `a` is matched to its nearest of `b` where the nearest distance is below

@@ -5,19 +5,16 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.pixels import HALF_PIXEL
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 
 BINS: Final = 36
 
 
 def dominant_gradient_deg(
-    cv2: Any,
-    image: npt.NDArray[np.uint8],
-    uv_px: npt.NDArray[np.float32],
-    scale_px: float,
-) -> npt.NDArray[np.float64]:
+    cv2: Any, image: ImageArray, uv_px: Float32Array, scale_px: float
+) -> FloatArray:
     """Return the direction in which most of the gradient around each position points.
 
     The histogram of Lowe (IJCV 2004, section 5): 36 bins of gradient magnitude, weighted by
@@ -67,9 +64,7 @@ def dominant_gradient_deg(
     return ((peak + shift) * (360 / BINS)) % 360
 
 
-def intensity_centroid_deg(
-    image: npt.NDArray[np.uint8], uv_px: npt.NDArray[np.float32], radius_px: int
-) -> npt.NDArray[np.float64]:
+def intensity_centroid_deg(image: ImageArray, uv_px: Float32Array, radius_px: int) -> FloatArray:
     """Return the direction from each position to the centroid of the brightness around it.
 
     The orientation of ORB (Rublee and others, ICCV 2011, section 3.2): atan2(m01, m10) of

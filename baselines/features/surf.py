@@ -16,11 +16,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
 from pliant.baselines.pixels import HALF_PIXEL
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 from pliant.spec.errors import MissingExtraError
 
 SURF_SCALE_PX: Final = 3.0
@@ -71,7 +71,7 @@ class MahotasSurf:
             "query_orientation": "the method's own",
         }
 
-    def detect(self, grey: npt.NDArray[np.uint8]) -> Keypoints:
+    def detect(self, grey: ImageArray) -> Keypoints:
         """Find and describe the image's own keypoints.
 
         Args:
@@ -88,9 +88,7 @@ class MahotasSurf:
         uv_px = (points[:, [_X, _Y]] + HALF_PIXEL).astype(np.float32)
         return Keypoints(uv_px, self._described(grey, points))
 
-    def describe_at(
-        self, grey: npt.NDArray[np.uint8], uv_px: npt.NDArray[np.float32]
-    ) -> Descriptors:
+    def describe_at(self, grey: ImageArray, uv_px: Float32Array) -> Descriptors:
         """Describe the patches around given positions; SURF finds the orientation itself.
 
         Args:
@@ -105,9 +103,7 @@ class MahotasSurf:
         points[:, _SCALE] = SURF_SCALE_PX
         return self._described(grey, points)
 
-    def _described(
-        self, grey: npt.NDArray[np.uint8], points: npt.NDArray[np.float64]
-    ) -> Descriptors:
+    def _described(self, grey: ImageArray, points: FloatArray) -> Descriptors:
         """Describe mahotas' points, (N, 5), well centred and at whole scales: float32 (N, 64)."""
         if len(points) == 0:
             return np.zeros((0, 64), dtype=np.float32)
@@ -120,5 +116,5 @@ class MahotasSurf:
         rows = self._surf.descriptors(padded, placed, descriptor_only=True)
         if len(rows) != len(points):
             raise RuntimeError(f"mahotas described {len(rows)} of {len(points)} positions")
-        descriptors: npt.NDArray[np.float32] = rows.astype(np.float32)
+        descriptors: Float32Array = rows.astype(np.float32)
         return descriptors

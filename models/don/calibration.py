@@ -13,21 +13,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.evaluator.metrics.calibration import expected_calibration_error, reliability_bins
 from pliant.evaluator.metrics.errors import endpoint_error_px
-from pliant.evaluator.metrics.mixtures import (
-    Mixtures,
-    negative_log_likelihood,
-    probability_within,
-)
+from pliant.evaluator.metrics.mixtures import Mixtures, negative_log_likelihood, probability_within
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Widths, mixture_of_modes
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
+from pliant.spec.arrays import BoolArray, FloatArray
 
 TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
 MODE_RADII_PX = (4.0, 9.0, 14.0)
@@ -57,8 +53,8 @@ class _Pair:
     log_p: torch.Tensor  # (Q, M)
     doubt: float  # `mean_doubt` of what the answers are read from
     uv: torch.Tensor  # (M, 2)
-    answer: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
-    truth: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
+    answer: FloatArray  # (Q, 2), full-size pixels
+    truth: FloatArray  # (Q, 2), full-size pixels
 
 
 def calibrate(
@@ -105,8 +101,8 @@ class _Searched:
     """
 
     pairs: Mapping[str, list[_Pair]]
-    distances: npt.NDArray[np.float64]
-    hidden: npt.NDArray[np.bool_]
+    distances: FloatArray
+    hidden: BoolArray
 
 
 def _searched(
@@ -230,9 +226,9 @@ class _Modes:
         self._pairs = pairs
         self.answer = np.concatenate([pair.answer for pair in pairs])
         self.truth = np.concatenate([pair.truth for pair in pairs])
-        self._found: dict[tuple[float, float, float], npt.NDArray[np.float64]] = {}
+        self._found: dict[tuple[float, float, float], FloatArray] = {}
 
-    def of(self, calibration: Calibration) -> npt.NDArray[np.float64]:
+    def of(self, calibration: Calibration) -> FloatArray:
         """Return the points' modes, float64 (N, K, 4), weight 0 where a mode is not used."""
         key = (calibration.temperature, calibration.stray, calibration.mode_radius_px)
         if key not in self._found:
@@ -259,10 +255,7 @@ def _changed(calibration: Calibration, name: str, value: float | Calibration) ->
 
 
 def _measure(
-    modes: _Modes,
-    calibration: Calibration,
-    scale: npt.NDArray[np.float64],
-    full_size: tuple[int, int],
+    modes: _Modes, calibration: Calibration, scale: FloatArray, full_size: tuple[int, int]
 ) -> dict[str, float]:
     """Return `nll` and `ece` of the mixtures, as the standard protocol defines them."""
     rules = read_protocol("standard").settings["distribution"]
@@ -290,9 +283,7 @@ def _measure(
     return {"nll": float(np.mean(losses)), "ece": expected_calibration_error(bins)}
 
 
-def _fit_visible(
-    calibration: Calibration, distance: npt.NDArray[np.float64], hidden: npt.NDArray[np.bool_]
-) -> Calibration:
+def _fit_visible(calibration: Calibration, distance: FloatArray, hidden: BoolArray) -> Calibration:
     """Return the calibration with the logistic curve of `visible`.
 
     With no hidden point (or no visible one) there is nothing to learn: slope 0.

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.models.don.decoding import Widths
+from pliant.spec.arrays import Float32Array, FloatArray
 
 _LEAST_VARIANCE_PX2 = 0.01
 
@@ -121,7 +121,7 @@ class Calibration:
         flat = (log_p / self.temperature).softmax(dim=1)
         return ((1 - self.stray) * flat + self.stray / log_p.shape[1]).log()
 
-    def visible(self, distance: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    def visible(self, distance: FloatArray) -> Float32Array:
         """Return the probability that a point is visible, 0.5 at the threshold.
 
         Args:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.models.don.candidates import widened
@@ -13,6 +12,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks.descriptor_network import pixel_grid, sample_descriptors
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.frame import Frame
 
 _MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
@@ -31,7 +31,7 @@ class Comparison:
 
     log_p: torch.Tensor
     uv_px: torch.Tensor
-    distance: npt.NDArray[np.float64]
+    distance: FloatArray
     query: torch.Tensor
 
 
@@ -40,7 +40,7 @@ def compare(
     settings: AnswerSettings,
     source: Frame,
     target: Frame,
-    uv_a_px: npt.NDArray[np.float32],
+    uv_a_px: Float32Array,
     sharpness: float,
     every_px: int = 1,
 ) -> Comparison:
@@ -90,7 +90,7 @@ def compare(
 
 
 def _searched(
-    mask: npt.NDArray[np.bool_] | None, size: tuple[int, int], settings: AnswerSettings
+    mask: BoolArray | None, size: tuple[int, int], settings: AnswerSettings
 ) -> torch.Tensor:
     """Return the numbers of the pixels that compete, int64 (M,)."""
     width, height = size

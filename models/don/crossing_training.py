@@ -8,10 +8,9 @@ minutes on one core are enough.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.ndimage import gaussian_filter1d
 from torch.nn import functional
@@ -25,6 +24,7 @@ from pliant.models.networks.crossing_network import (
     CrossingPatches,
     crossing_patches,
 )
+from pliant.spec.arrays import FloatArray, RealArray
 
 _BINS: Final = 100
 _MOST_FRAMES: Final = 4000
@@ -90,9 +90,7 @@ def _labelled(
             yield patches, torch.tensor(label)
 
 
-def _middle_line(
-    frame: TrainingFrame, along: npt.NDArray[np.floating[Any]]
-) -> npt.NDArray[np.float64] | None:
+def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
     """Return the rope's middle at 100 shares of its length, px; None if a stretch has no point."""
     bins = np.clip((along * _BINS).astype(np.int64), 0, _BINS - 1)
     count = np.bincount(bins, minlength=_BINS)
@@ -103,13 +101,11 @@ def _middle_line(
     return np.asarray(gaussian_filter1d(line, 1.0, axis=0, mode="nearest"))
 
 
-def _length(line: npt.NDArray[np.float64]) -> float:
+def _length(line: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
-def _turned(
-    ways: npt.NDArray[np.float64], angle_rad: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _turned(ways: FloatArray, angle_rad: FloatArray) -> FloatArray:
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     x, y = ways.T
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)

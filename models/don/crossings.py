@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.baselines.tracing import Trace, overlap, self_crossings
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
+from pliant.spec.arrays import BoolArray
 from pliant.spec.frame import Frame
 
 CROSSINGS: Final = "crossings.safetensors"
@@ -24,10 +24,7 @@ _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
 
 
 def with_overlaps(
-    network: CrossingNetwork,
-    view: Frame,
-    mask: npt.NDArray[np.bool_],
-    traces: Sequence[Trace],
+    network: CrossingNetwork, view: Frame, mask: BoolArray, traces: Sequence[Trace]
 ) -> list[Trace]:
     """Return traces that know which of their parts cover others.
 

@@ -83,10 +83,7 @@ class Widths:
 
 
 def mixture_of_modes(
-    log_p: torch.Tensor,
-    uv_px: torch.Tensor,
-    widths: Widths,
-    radius_px: float = 4.0,
+    log_p: torch.Tensor, uv_px: torch.Tensor, widths: Widths, radius_px: float = 4.0
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Sum probabilities up as a few isotropic Gaussians.
 

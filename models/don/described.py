@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.baselines.shared_cache import SharedCache
@@ -16,7 +15,7 @@ from pliant.models.don.mask_repair import repaired
 from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.lru_cache import LRUCache
@@ -44,10 +43,10 @@ class DescribedView:
     mask: Mask | None
     objects: Mask | None
 
-    def on_object(self) -> npt.NDArray[np.float32]:
+    def on_object(self) -> Float32Array:
         """Return the descriptors on the object (everywhere without a mask), float32 (n, D)."""
         upright = self.maps[0]
-        flat: npt.NDArray[np.float32] = upright.flatten(1).T.numpy()
+        flat: Float32Array = upright.flatten(1).T.numpy()
         return flat if self.mask is None or not self.mask.any() else flat[self.mask.reshape(-1)]
 
 
@@ -111,7 +110,7 @@ class ViewDescriber:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""
         return self._kept.get(view.cache_key, lambda: self._describe(view))
 
-    def pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
+    def pixel_scale(self, view: Frame) -> FloatArray:
         """Return pixels of a view per network pixel, (u, v)."""
         return np.array([view.rgb.shape[1] / self.size[0], view.rgb.shape[0] / self.size[1]])
 
@@ -211,9 +210,7 @@ class ViewDescriber:
         with torch.inference_mode():
             return self.network(self._turned(image, turn))[0].cpu()
 
-    def _resized(
-        self, view: Frame
-    ) -> tuple[npt.NDArray[np.uint8] | None, npt.NDArray[np.float32] | None]:
+    def _resized(self, view: Frame) -> tuple[Rgb | None, Float32Array | None]:
         rgb = resize_rgb(view.rgb, self.size) if self.given.colour else None
         depth_m = None
         if not self.given.colour and view.depth_m is not None:
@@ -233,7 +230,7 @@ class ViewDescriber:
         p = [part[:, in_first].exp().sum(1) for part in parts]
         return torch.cat(p).view(*sparse.shape[1:])
 
-    def _out(self, image: npt.NDArray[np.float32]) -> NetworkOutput:
+    def _out(self, image: Float32Array) -> NetworkOutput:
         """Return all that the network puts out for an image without masks."""
         with torch.inference_mode():
             return self.network.described(self._turned(torch.from_numpy(image), 0))

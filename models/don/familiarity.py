@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.models.don.strangeness import TRACED, UsualDescriptors
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.errors import TrainingError
 
 FAMILIARITY = "familiarity.json"
@@ -41,7 +40,7 @@ class Familiarity:
     combined: FloatArray
     descriptors: UsualDescriptors | None = None
 
-    def score(self, statistics: FloatArray) -> npt.NDArray[np.float32]:
+    def score(self, statistics: FloatArray) -> Float32Array:
         """Return the familiarity of N queries, float32 (N,), 0 to 1.
 
         Args:

@@ -241,11 +241,7 @@ def _space_pixels(batch: Mapping[str, torch.Tensor], reach_m: float) -> _SpacePi
 
 
 def _space(
-    seen: _Gathered,
-    scale: torch.Tensor,
-    pixels: _SpacePixels,
-    settings: LossSettings,
-    mu: float,
+    seen: _Gathered, scale: torch.Tensor, pixels: _SpacePixels, settings: LossSettings, mu: float
 ) -> torch.Tensor:
     """Return the Lipschitz loss of some pixels of each view, predicted into the next view."""
     query = sample_descriptors(seen.descriptors, pixels.uv_px)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
@@ -26,6 +25,7 @@ from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statis
 from pliant.models.don.tracing import TracedView, both_completed, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
@@ -65,11 +65,7 @@ class DonMatcher:
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
         self._views = ViewDescriber(
-            self.network,
-            self.input,
-            self.size,
-            settings.answer.rotations,
-            settings.answer.mirrored,
+            self.network, self.input, self.size, settings.answer.rotations, settings.answer.mirrored
         )
         self.reader = RopeReader(self.network, self._views, settings.answer)
 
@@ -115,7 +111,7 @@ class DonMatcher:
         usual = UsualDescriptors.of(asked)
         return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
 
-    def _traced_statistics(self, decided: Decided) -> npt.NDArray[np.float64]:
+    def _traced_statistics(self, decided: Decided) -> FloatArray:
         source, target = self._both_traced(decided.source, decided.target)
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
@@ -137,7 +133,7 @@ class DonMatcher:
         known = mask_remarks(*shapes) or ball_remarks(*(each.view for each in traced))
         return [*known, *cut_remarks(*(each.traces for each in traced))]
 
-    def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Decided:
+    def _decided(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
         from_view = self.reader.turned_as(from_view, in_view, self._coarsely)
@@ -158,7 +154,7 @@ class DonMatcher:
         """Return a view with masks found in its picture, see `RopeReader.masked`."""
         return self.reader.masked(view)
 
-    def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
+    def object_mask(self, view: Frame) -> BoolArray | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         return self.segmented(view).mask
 
@@ -180,7 +176,7 @@ class DonMatcher:
         kept = zip(values.astype(np.float32), used.numpy(), strict=True)
         return Answers(position, visible, modes=[rows[keep] for rows, keep in kept])
 
-    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`.
 
         It is the distribution that `answer` describes: the same masks, view from above, traces and
@@ -203,9 +199,7 @@ class DonMatcher:
             seen.back_image(heat), "log probability", min(1.0, mass), "probability at the answer"
         )
 
-    def search(
-        self, source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]
-    ) -> Search:
+    def search(self, source: Reframed, target: Reframed, uv_a_px: Float32Array) -> Search:
         """Compare queries with the target's candidates, and follow traces where they decide.
 
         Args:
@@ -227,11 +221,7 @@ class DonMatcher:
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
 
     def _on_one_side(
-        self,
-        compared: Comparison,
-        source: Reframed,
-        target: Reframed,
-        uv_a_px: npt.NDArray[np.float32],
+        self, compared: Comparison, source: Reframed, target: Reframed, uv_a_px: Float32Array
     ) -> torch.Tensor:
         """Return log p of queries on the side of a cloth that most of the pair agrees on.
 
@@ -255,11 +245,7 @@ class DonMatcher:
         return (log_p + side.log_weight(uv_a_px / scale, compared.uv_px)).log_softmax(dim=1)
 
     def _every_way(
-        self,
-        log_p: torch.Tensor,
-        source: Reframed,
-        target: Reframed,
-        uv_a_px: npt.NDArray[np.float32],
+        self, log_p: torch.Tensor, source: Reframed, target: Reframed, uv_a_px: Float32Array
     ) -> torch.Tensor:
         """Return the mean of p over the ways in which a blank square may be turned, as a logarithm.
 
@@ -276,11 +262,7 @@ class DonMatcher:
         return torch.stack(ways).logsumexp(dim=0) - np.log(len(ways)) if len(ways) > 1 else log_p
 
     def compare(
-        self,
-        source: Frame,
-        target: Frame,
-        uv_a_px: npt.NDArray[np.float32],
-        every_px: int = 1,
+        self, source: Frame, target: Frame, uv_a_px: Float32Array, every_px: int = 1
     ) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.
 
@@ -303,16 +285,16 @@ class DonMatcher:
     def _both_traced(self, source: Reframed, target: Reframed) -> tuple[TracedView, TracedView]:
         return both_completed(self._traced(source), self._traced(target))
 
-    def decoded(self, found: Search, target: Frame) -> npt.NDArray[np.float64]:
+    def decoded(self, found: Search, target: Frame) -> FloatArray:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
         sharp = decode_position(found.deciding, found.uv_px, self.settings.decode)
         position = sharp.double().numpy() * self._views.pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
 
-    def _coarsely(self, pair: Pair) -> npt.NDArray[np.float64]:
+    def _coarsely(self, pair: Pair) -> FloatArray:
         return self.answered_by_network(pair, GRID_EVERY_PX)
 
-    def answered_by_network(self, pair: Pair, every_px: int = 1) -> npt.NDArray[np.float64]:
+    def answered_by_network(self, pair: Pair, every_px: int = 1) -> FloatArray:
         """Return what the network alone answers, without traces: float64 (N, 2), target pixels.
 
         Args:
@@ -323,11 +305,11 @@ class DonMatcher:
         position = decode_position(found.log_p, found.uv_px, "median")
         return position.double().numpy() * self._views.pixel_scale(pair.target)
 
-    def descriptor_map(self, view: Frame) -> npt.NDArray[np.float32]:
+    def descriptor_map(self, view: Frame) -> Float32Array:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
         return self._views.described(view).maps[0].permute(1, 2, 0).numpy()
 
-    def canonical_map(self, view: Frame) -> npt.NDArray[np.float32] | None:
+    def canonical_map(self, view: Frame) -> Float32Array | None:
         """Return the material coordinates that the canonical head reads off each pixel.
 
         Args:
@@ -346,6 +328,6 @@ class DonMatcher:
         best = torch.cat([part.argmax(dim=1) for part in parts])
         return head.anchors[best].view(*descriptors.shape[1:], 2).cpu().numpy()
 
-    def working_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
+    def working_mask(self, view: Frame) -> BoolArray | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""
         return self._views.described(view).mask

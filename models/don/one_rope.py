@@ -11,11 +11,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.tracing import MaskShape, Skeleton, half_width_px
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
 # Set on 24 validation pictures of ropes next to cloths, ropes and cables.
@@ -30,9 +29,7 @@ _ROUND: Final = 1.45  # area of a ball over that of the largest disc in it
 _BODY: Final = 1.7  # half widths around a strand that are its own
 
 
-def of_one_rope(
-    rgb: npt.NDArray[np.uint8], rope: Mask, ball: Mask | None
-) -> tuple[Mask, Mask | None]:
+def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | None]:
     """Return what belongs to one rope; a mask that is already one of a rope comes back itself.
 
     Args:
@@ -66,7 +63,7 @@ def _is_round(ball: Mask) -> bool:
     return bool(ball.sum() <= _ROUND * np.pi * radius**2)
 
 
-def _kept(picture: npt.NDArray[np.float32], rope: Mask, ball: Mask | None) -> Mask:
+def _kept(picture: Float32Array, rope: Mask, ball: Mask | None) -> Mask:
     """Return the pixels of the rope's own strands, and of its crossings."""
     depth: FloatArray = ndimage.distance_transform_edt(rope)
     half_px = half_width_px(depth[rope])
@@ -97,9 +94,7 @@ def _kept(picture: npt.NDArray[np.float32], rope: Mask, ball: Mask | None) -> Ma
     return rope & _drawn(skeleton, own, rope.shape, float(half[best]))
 
 
-def _smooth(
-    picture: npt.NDArray[np.float32], rope: Mask, half_px: float
-) -> npt.NDArray[np.float32]:
+def _smooth(picture: Float32Array, rope: Mask, half_px: float) -> Float32Array:
     """Return the mean colour of the rope around every pixel, over half of its width."""
     side = max(3, int(half_px))
     shown = cv2.blur(rope.astype(np.float32), (side, side))

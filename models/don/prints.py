@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import binary_erosion
 
 from pliant.baselines.tracing import Reframed
@@ -22,7 +21,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.sides import grid_of
 from pliant.models.don.square import other_quarter_turns
 from pliant.spec.answers import Answers
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import FloatArray, Mask, RealArray
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_rgb
 
@@ -39,10 +38,7 @@ _DARK: Final = 16.0  # of 255: shares of nearly black pixels say nothing
 
 
 def settled_by_print(
-    source: Reframed,
-    target: Reframed,
-    views: ViewDescriber,
-    matched: Callable[[Pair], FloatArray],
+    source: Reframed, target: Reframed, views: ViewDescriber, matched: Callable[[Pair], FloatArray]
 ) -> Reframed:
     """Return the source turned so that its print agrees with the target's.
 
@@ -94,7 +90,7 @@ def _is_printed(colours: FloatArray, shown: Mask) -> bool:
     return bool(share.std(axis=0).max() >= _LEAST_SPREAD)
 
 
-def _read(colours: FloatArray, places: npt.NDArray[np.floating[Any]]) -> FloatArray:
+def _read(colours: FloatArray, places: RealArray) -> FloatArray:
     """Return the colours at pixels of the network, float64 (N, 3)."""
     height, width = colours.shape[:2]
     column, row = np.floor(places).astype(np.int64).T

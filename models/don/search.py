@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison
 from pliant.models.don.tracing import TracedPlaces
+from pliant.spec.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -48,4 +47,4 @@ class Decided:
     target: Reframed
     found: Search
     calibration: Calibration | None
-    position_px: npt.NDArray[np.float64]
+    position_px: FloatArray

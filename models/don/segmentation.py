@@ -15,13 +15,12 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
 from pliant.models.don.one_rope import of_one_rope, resized
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
 _WORKING_SIDE: Final = 320
@@ -48,12 +47,12 @@ class Foreground:
         first: float32 (h, w), the probability that a pixel of the rope is in its first tenth.
     """
 
-    rope: npt.NDArray[np.float32]
-    objects: npt.NDArray[np.float32]
-    first: npt.NDArray[np.float32]
+    rope: Float32Array
+    objects: Float32Array
+    first: Float32Array
 
 
-def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask | None] | None:
+def rope_masks(rgb: Rgb, seen: Foreground) -> tuple[Mask, Mask | None] | None:
     """Return where the rope is seen, and where the rope or its ball is.
 
     Args:
@@ -76,7 +75,7 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     return rope, None if own is None else rope | own
 
 
-def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Mask | None:
+def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
     """Return where a cloth is seen, bool (H, W), or None where nothing stands out from the table.
 
     Args:
@@ -89,7 +88,7 @@ def cloth_mask(rgb: npt.NDArray[np.uint8], cloth: npt.NDArray[np.float32]) -> Ma
     return resized(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
 
 
-def is_decided(likely: npt.NDArray[np.float32]) -> bool:
+def is_decided(likely: Float32Array) -> bool:
     """Return whether a network for masks is sure of one. Of prints, which it never saw, it is not.
 
     Args:
@@ -99,7 +98,7 @@ def is_decided(likely: npt.NDArray[np.float32]) -> bool:
     return bool(possible.size) and float(np.abs(2 * possible - 1).mean()) > _DECIDED
 
 
-def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask | None:
+def _shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
     """Return where objects are seen, at the working size, or None where there are none."""
     p = _working(likely, rgb.shape[:2])
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
@@ -111,13 +110,13 @@ def _shown(rgb: npt.NDArray[np.uint8], likely: npt.NDArray[np.float32]) -> Mask 
     return objects if objects.sum() >= _LEAST_PIXELS else None
 
 
-def _working(values: npt.NDArray[np.float32], shape: tuple[int, ...]) -> FloatArray:
+def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
     """Return values at the working size of a picture (height, width)."""
     size = with_longer_side(shape, _WORKING_SIDE)[::-1]
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
-def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:
+def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     """Return the pixels that GrabCut gives to the foreground."""
     log_ratio = _log_ratio_to_table(rgb, ~near)
     light = log_ratio.mean(axis=-1)
@@ -144,7 +143,7 @@ def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
 
 
-def _log_ratio_to_table(rgb: npt.NDArray[np.uint8], table: Mask) -> FloatArray:
+def _log_ratio_to_table(rgb: Rgb, table: Mask) -> FloatArray:
     """Return log(I / I_table), float64 (H, W, 3), I_table from the table's pixels nearby."""
     linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + 0.002  # sRGB, IEC 61966-2-1
     share = ndimage.gaussian_filter(table.astype(np.float64), _TABLE_PX)
@@ -168,7 +167,7 @@ _LIMIT: Final = 3.0  # grey levels; cameras in good light have 1 to 2
 _BLUR_PX: Final = 1.0
 
 
-def denoised(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def denoised(rgb: Rgb) -> Rgb:
     """Return a picture smoothed by a median and a Gaussian, or as it is where it has no noise.
 
     GrabCut compares single pixels, and noise makes the table as colourful as an object.

@@ -11,15 +11,7 @@ from pliant.models.losses.distributional import Direction
 from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.training.settings import RunSettings, ValidationSettings
 from pliant.spec.configuration import Settings
-from pliant.spec.constraints import (
-    Bounds,
-    Count,
-    Natural,
-    NonNegative,
-    Positive,
-    Range,
-    Refused,
-)
+from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive, Range, Refused
 
 
 def shrinking(first: float, last: float, progress: float) -> float:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.models.don.described import DescribedView
 from pliant.models.don.tracing import TracedPlaces, TracedView
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 
 _RIDGE: Final = 1e-3
 _USUAL_SHARE: Final = float(np.log(3))  # an object three times as large, or a third, is usual
@@ -77,7 +76,7 @@ class Asked:
 
     source: DescribedView
     target: DescribedView
-    query: npt.NDArray[np.float32]
+    query: Float32Array
     distance: FloatArray
 
 
@@ -135,7 +134,7 @@ class UsualDescriptors:
         found[:, 4] = odd
         return found
 
-    def _mahalanobis(self, descriptors: npt.NDArray[np.float32]) -> FloatArray:
+    def _mahalanobis(self, descriptors: Float32Array) -> FloatArray:
         gap = descriptors.astype(np.float64) - self.mean
         return np.asarray(np.einsum("ij,jk,ik->i", gap, self.precision, gap))
 

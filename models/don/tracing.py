@@ -30,7 +30,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from scipy.ndimage import gaussian_filter
 from scipy.special import softmax
@@ -46,6 +45,7 @@ from pliant.baselines.tracing import (
 )
 from pliant.baselines.tracing.settings import TRACING
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
+from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame
 
 SIGMA_SHARE: Final = 1 / 213
@@ -131,7 +131,7 @@ def canonical_likelihood(
     step = (head.anchors[:, 0] * TRACING.chain_steps).long().clamp(0, TRACING.chain_steps - 1)
     share = torch.bincount(step, minlength=TRACING.chain_steps).clamp_min(1) / len(step)
 
-    def likelihood(uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def likelihood(uv_px: FloatArray) -> FloatArray:
         places = torch.from_numpy(uv_px.astype(np.float32))
         with torch.inference_mode():
             seen = sample_descriptors(descriptors[None], places[None])[0]
@@ -143,7 +143,7 @@ def canonical_likelihood(
     return likelihood
 
 
-def enlarged(traces: Sequence[Trace], factor: npt.NDArray[np.float64]) -> list[Trace]:
+def enlarged(traces: Sequence[Trace], factor: FloatArray) -> list[Trace]:
     """Return traces in an image with more pixels.
 
     Args:
@@ -175,14 +175,12 @@ class TracedPlaces:
             other way; None where a ball distinguishes its ends.
     """
 
-    uv_px: npt.NDArray[np.float64]
-    weight: npt.NDArray[np.float64]
+    uv_px: FloatArray
+    weight: FloatArray
     sigma_px: float
-    other_way_px: npt.NDArray[np.float64] | None = None
+    other_way_px: FloatArray | None = None
 
-    def weighed_in(
-        self, log_p: torch.Tensor, candidates_px: npt.NDArray[np.float64]
-    ) -> torch.Tensor:
+    def weighed_in(self, log_p: torch.Tensor, candidates_px: FloatArray) -> torch.Tensor:
         """Return log p' of the module's formula along `uv_px`, float32 (N, M), normalised.
 
         Args:
@@ -193,10 +191,7 @@ class TracedPlaces:
         return (_NETWORK_EXPONENT * log_p + torch.from_numpy(prior)).log_softmax(dim=1)
 
     def either_way(
-        self,
-        weighed: torch.Tensor,
-        log_p: torch.Tensor,
-        candidates_px: npt.NDArray[np.float64],
+        self, weighed: torch.Tensor, log_p: torch.Tensor, candidates_px: FloatArray
     ) -> torch.Tensor:
         """Return log p' of both ways along the rope, float32 (N, M), normalised.
 
@@ -210,7 +205,7 @@ class TracedPlaces:
         other = replace(self, uv_px=self.other_way_px).weighed_in(log_p, candidates_px)
         return torch.logaddexp(weighed, other) - np.log(2)
 
-    def _density(self, candidates_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    def _density(self, candidates_px: FloatArray) -> Float32Array:
         """Return the sum of the weighted Gaussians, 1 at a place that all agree on: (N, M).
 
         Places are counted in cells of half a standard deviation, and the counts blurred:
@@ -229,14 +224,12 @@ class TracedPlaces:
         blurred *= 2 * np.pi * _CELLS**2
         return np.asarray(blurred[:, wanted[:, 1], wanted[:, 0]])
 
-    def share_within(
-        self, uv_px: npt.NDArray[np.float64], radius_px: float
-    ) -> npt.NDArray[np.float64]:
+    def share_within(self, uv_px: FloatArray, radius_px: float) -> FloatArray:
         """Return the weight of the places near positions (N, 2), float64 (N,), 0 to 1."""
         gap = np.linalg.norm(self.uv_px - uv_px, axis=-1)  # (K, N)
         return np.asarray((self.weight[:, None] * (gap < radius_px)).sum(axis=0))
 
-    def refined(self, uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def refined(self, uv_px: FloatArray) -> FloatArray:
         """Return positions moved to the mean of the places near them.
 
         Args:
@@ -250,10 +243,7 @@ class TracedPlaces:
 
 
 def traced_places(
-    source: TracedView,
-    target: TracedView,
-    scale: torch.Tensor,
-    uv_a_px: npt.NDArray[np.float32],
+    source: TracedView, target: TracedView, scale: torch.Tensor, uv_a_px: Float32Array
 ) -> TracedPlaces | None:
     """Return where the traces carry queries, or None where a view has no trace.
 
@@ -276,7 +266,7 @@ def traced_places(
     sigma_px = SIGMA_SHARE * target.view.rgb.shape[1]
     located_in = [located(trace, uv_a_px) for trace in source.traces]
 
-    def carried(traces: Sequence[Trace]) -> npt.NDArray[np.float64]:
+    def carried(traces: Sequence[Trace]) -> FloatArray:
         return np.stack([placed(traces[b], located_in[a]) for a, b in pairs])
 
     one = carried(target.traces)
@@ -293,7 +283,7 @@ def traced_places(
     return TracedPlaces(one, weight, sigma_px, other)
 
 
-def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> npt.NDArray[np.float64]:
+def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> FloatArray:
     """Return what T and U traces themselves say for each pair, float64 (T, U)."""
     own, length = [], []
     for traces in (source, target):
@@ -308,9 +298,7 @@ def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> npt.NDArray[n
     return np.add.outer(*own) - _LENGTH * abs(np.subtract.outer(*length))
 
 
-def _descriptor_gap(
-    source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor
-) -> npt.NDArray[np.float64]:
+def _descriptor_gap(source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor) -> FloatArray:
     """Return the mean gap along traces, capped: (T, S, D) and (U, S, D) -> float64 (T, U)."""
     gap = (source[:, None] - target[None]).square().sum(dim=-1)  # (T, U, S)
     return (scale * gap).clamp_max(_MOST).mean(dim=-1).double().numpy()

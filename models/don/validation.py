@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.don.matcher import DonMatcher
-from pliant.spec.arrays import Float32Array
+from pliant.spec.arrays import BoolArray, Float32Array, RealArray
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Pair
 
@@ -33,7 +31,7 @@ class ValidationPair(Pair):
     """
 
     uv_b_px: Float32Array
-    visible: npt.NDArray[np.bool_]
+    visible: BoolArray
 
     def without_masks(self) -> ValidationPair:
         """Return the pair as a method meets it that is given no masks."""
@@ -112,7 +110,7 @@ def validate(
 def _figures(
     pairs: Sequence[ValidationPair],
     full_size: tuple[int, int],
-    answer: Callable[[ValidationPair], npt.NDArray[np.floating[Any]]],
+    answer: Callable[[ValidationPair], RealArray],
 ) -> dict[str, float]:
     """Return the errors of one way to answer, on the points visible in both frames of pairs.
 

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import nn
 
+from pliant.spec.arrays import RealArray
 from pliant.spec.model import MaterialObject
 
 _AT_ONCE: Final = 1024  # their probabilities over the anchors fit into the processor's cache
@@ -63,9 +63,7 @@ class CanonicalHead(nn.Module):
         )
 
     @classmethod
-    def of_object(
-        cls, dim: int, described: MaterialObject, material: npt.NDArray[np.floating[Any]]
-    ) -> CanonicalHead:
+    def of_object(cls, dim: int, described: MaterialObject, material: RealArray) -> CanonicalHead:
         """Return a head whose anchors are points of an object's surface.
 
         Args:

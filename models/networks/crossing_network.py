@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import nn
 from torch.nn import functional
+
+from pliant.spec.arrays import Float32Array, FloatArray
 
 PATCH: Final = 32
 """Pixels along each side of a patch."""
@@ -51,10 +52,7 @@ class CrossingPatches:
 
 
 def crossing_patches(
-    picture: npt.NDArray[np.float32],
-    place_px: npt.NDArray[np.float64],
-    ways: npt.NDArray[np.float64],
-    half_px: float | npt.NDArray[np.float64],
+    picture: Float32Array, place_px: FloatArray, ways: FloatArray, half_px: float | FloatArray
 ) -> CrossingPatches:
     """Sample the surroundings of crossings.
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.models.networks.unet import UNet
+from pliant.spec.arrays import Float32Array, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
 MASKS: Final = "masks.safetensors"
@@ -28,7 +29,7 @@ class MaskNetwork(UNet):
     def __init__(self) -> None:
         super().__init__(3, 2, widths=(16, 32, 48, 64), global_blocks=1, patch=2)
 
-    def found(self, rgb: npt.NDArray[np.uint8], side: int = ROPE_SIDE) -> npt.NDArray[np.float32]:
+    def found(self, rgb: Rgb, side: int = ROPE_SIDE) -> Float32Array:
         """Return the probabilities of a picture at the size that the network sees.
 
         Args:

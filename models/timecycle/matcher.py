@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
@@ -18,7 +17,7 @@ from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSetti
 from pliant.models.training.checkpoint import load_best
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.answers import Answers
-from pliant.spec.arrays import Float32Array
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -155,7 +154,7 @@ class TimeCycleMatcher:
 
         return self._encoded.get(view.cache_key, encode)
 
-    def _searched(self, view: Frame) -> npt.NDArray[np.bool_] | None:
+    def _searched(self, view: Frame) -> BoolArray | None:
         """Return the cells that touch the object, where the settings look there alone."""
         if self.settings.propagation.search == "image" or view.mask is None:
             return None
@@ -173,7 +172,7 @@ class TimeCycleMatcher:
         """Return cells in pixels of a view, float32 (N, 2)."""
         return (xy.double().numpy() * self._scale(view)).astype(np.float32)
 
-    def _scale(self, view: Frame) -> npt.NDArray[np.float64]:
+    def _scale(self, view: Frame) -> FloatArray:
         """Return pixels of a view per cell, (u, v)."""
         cells = np.array(self.size) / self.stride
         return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells

@@ -17,10 +17,7 @@ _LISTED = "val/rmse_px_"
 
 
 def write_timecycle_report(
-    run: Path,
-    history: Sequence[Mapping[str, float]],
-    guard: Guard,
-    facts: Mapping[str, Any],
+    run: Path, history: Sequence[Mapping[str, float]], guard: Guard, facts: Mapping[str, Any]
 ) -> Path:
     """Write `RUN/report.html`, one self-contained page.
 

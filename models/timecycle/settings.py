@@ -9,21 +9,9 @@ from pydantic import model_validator
 from pliant.loaders.augment import AugmentSettings
 from pliant.loaders.inputs import IMAGE_CHANNELS, NetworkInput
 from pliant.models.networks.descriptor_network import NetworkSettings
-from pliant.models.training.settings import (
-    BatchSize,
-    RunSettings,
-    ValidationSettings,
-)
+from pliant.models.training.settings import BatchSize, RunSettings, ValidationSettings
 from pliant.spec.configuration import Settings
-from pliant.spec.constraints import (
-    Bounds,
-    Count,
-    Natural,
-    NonNegative,
-    Positive,
-    Refused,
-    Share,
-)
+from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive, Refused, Share
 
 Stride = Literal[2, 4, 8]
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.settings import TrackValidationSettings
-from pliant.spec.arrays import Float32Array, FloatArray
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 
@@ -41,14 +40,14 @@ class Stretch:
 
     store: FrameStore
     frames: range
-    points: npt.NDArray[np.int64]
+    points: IntArray
 
     def views(self) -> Iterator[Frame]:
         """Yield the frames, at the working size."""
         for number in self.frames:
             yield self.store.view(number).replace()
 
-    def truth(self) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
+    def truth(self) -> tuple[Float32Array, BoolArray]:
         """Return where the points are, float32 (F + 1, Q, 2), and whether the camera sees them."""
         views = [self.store.view(number) for number in self.frames]
         uv = np.stack([view.uv_px[self.points] for view in views])
