@@ -25,8 +25,7 @@ def test_predict_says_what_it_wrote(cards_root: Path, tmp_path: Path, called: Ca
 def test_predict_reports_as_json(cards_root: Path, tmp_path: Path, called: Called) -> None:
     out = tmp_path / "orb.parquet"
     code, said, _ = called(
-        *("predict", "orb", "--data", cards_root, "--out", out),
-        *("--kind", "matches", "--json"),
+        *("predict", "orb", "--data", cards_root, "--out", out), *("--kind", "matches", "--json")
     )
     document = json.loads(said)
     assert code == 0
@@ -35,10 +34,7 @@ def test_predict_reports_as_json(cards_root: Path, tmp_path: Path, called: Calle
 
 
 def test_run_folder_is_a_method(
-    cards_root: Path,
-    tmp_path: Path,
-    called: Called,
-    monkeypatch: pytest.MonkeyPatch,
+    cards_root: Path, tmp_path: Path, called: Called, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[Path] = []
 
@@ -102,12 +98,7 @@ def test_match_draws_and_reports(cards_root: Path, tmp_path: Path, called: Calle
     ],
 )
 def test_bad_match_calls(
-    method: str,
-    at: str,
-    message: str,
-    cards_root: Path,
-    tmp_path: Path,
-    called: Called,
+    method: str, at: str, message: str, cards_root: Path, tmp_path: Path, called: Called
 ) -> None:
     picture = cards_root / "sequences/card/card-test-000000/rgb/000000.png"
     code, said, complaint = called(

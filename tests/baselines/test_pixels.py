@@ -6,13 +6,7 @@ import numpy as np
 
 from pliant.baselines import Frame
 from pliant.baselines.features.local_features import dense_stride
-from pliant.baselines.pixels import (
-    central_position,
-    lies_on,
-    luma,
-    pixel_centres,
-    searched_mask,
-)
+from pliant.baselines.pixels import central_position, lies_on, luma, pixel_centres, searched_mask
 
 
 def mask_of(*pixels: tuple[int, int], height: int = 4, width: int = 5) -> np.ndarray:

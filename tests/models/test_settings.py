@@ -22,10 +22,7 @@ from pliant.spec.errors import CallError
         ("batch=1000000000", "required: 1 to 4096"),
         ("workers=1000000000", "required: 0 to 256"),
         ("loss.time_weight=1", "required: 'sequence' or 'next' for loss.time_weight above 0"),
-        (
-            "answer.rotations=3",
-            "unknown value; found 3; required: one of 1, 2 or 4",
-        ),
+        ("answer.rotations=3", "unknown value; found 3; required: one of 1, 2 or 4"),
     ],
 )
 def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:

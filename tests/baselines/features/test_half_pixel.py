@@ -22,11 +22,7 @@ from pliant.baselines.features.surf import MahotasSurf
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 
-FEATURES: dict[str, Callable[[], LocalFeatures]] = {
-    "sift": Sift,
-    "orb": Orb,
-    "surf": MahotasSurf,
-}
+FEATURES: dict[str, Callable[[], LocalFeatures]] = {"sift": Sift, "orb": Orb, "surf": MahotasSurf}
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +90,7 @@ def test_answers_in_a_turned_picture_are_the_turned_pixels(name: str, exact: flo
             Frame(rgb, inner),
             Frame(rgb[::-1, ::-1].copy(), inner[::-1, ::-1].copy()),
             queries.astype(np.float32),
-        ),
+        )
     )
     off = answers.uv_px - ([184, 161] - queries)
     assert (off == 0).all(axis=1).mean() >= exact

@@ -12,12 +12,7 @@ from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import DescribedView
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
-from pliant.models.don.strangeness import (
-    TRACED,
-    Asked,
-    UsualDescriptors,
-    traced_statistics,
-)
+from pliant.models.don.strangeness import TRACED, Asked, UsualDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped

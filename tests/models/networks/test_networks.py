@@ -40,8 +40,7 @@ def test_a_descriptor_and_an_orientation_at_every_pixel(name: str, kind: InputKi
 
 
 @pytest.mark.parametrize(
-    ("name", "blocks", "millions"),
-    [("resnet18", 8, 11.18), ("resnet34", 16, 21.28)],
+    ("name", "blocks", "millions"), [("resnet18", 8, 11.18), ("resnet34", 16, 21.28)]
 )
 def test_resnets_have_depth_and_parameters_of_torchvision_and_stride_8(
     name: str, blocks: int, millions: float

@@ -14,9 +14,7 @@ from pliant.spec.errors import CallError
 
 NETWORK = "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}"
 SETTINGS = read_settings(
-    TimeCycleSettings,
-    None,
-    ["width=96", "height=64", "clips.patch=0.5", NETWORK],
+    TimeCycleSettings, None, ["width=96", "height=64", "clips.patch=0.5", NETWORK]
 )
 WIDE = SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
 

@@ -58,12 +58,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     page = (run / "report.html").read_text()
     assert facts["guard"]["verdict"] in page
     assert "Does the cycle beat the trivial answers?" in page
-    assert set(facts["guard"]["rmse_px_of_640"]) == {
-        "trained",
-        "identity",
-        "centroid",
-        "untrained",
-    }
+    assert set(facts["guard"]["rmse_px_of_640"]) == {"trained", "identity", "centroid", "untrained"}
     assert json.loads((run / "run.json").read_text())["steps"] == 6
     stored = settings_to_dict(read_settings(TimeCycleSettings, run / "config.yaml"))
     assert stored == settings_to_dict(timecycle("tier=rope"))
