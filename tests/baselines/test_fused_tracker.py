@@ -13,6 +13,7 @@ from pliant.baselines import METHODS, Answers, Frame, Pair, TrackMatcher
 from pliant.baselines.fused_tracker import FusedTracker
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError
+from tests.known import known
 
 pytest.importorskip("cv2")
 
@@ -85,8 +86,7 @@ def test_a_point_is_found_again_behind_the_bar(moving: tuple[list[Any], list[Fra
     assert matcher.asked == [4, 8, 12, 16, 20]
     for step in (8, 12, 16, 20):
         covered = np.abs(poses[step].place(card)[:, 0] - 80) < 15
-        visible = found[step - 1].visible
-        assert visible is not None
+        visible = known(found[step - 1].visible)
         assert visible[covered].mean() < 0.2
 
 
@@ -102,8 +102,7 @@ def test_flow_is_kept_where_it_is_better_and_where_the_matcher_is_wrong(
         error_px = errors_px(last, poses[-1], card)
         assert np.median(error_px) < max(1.0, np.median(errors_px(flow, poses[-1], card)) + 0.8)
         assert np.quantile(error_px, 0.9) < 3
-        assert last.sigma_px is not None
-        assert np.median(last.sigma_px) < 3
+        assert np.median(known(last.sigma_px)) < 3
 
 
 def test_opened_by_name() -> None:

@@ -12,6 +12,7 @@ from pliant.baselines import Frame
 from pliant.baselines.outline import ClothOutline, angle_from_upright, outline_sides
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
+from tests.known import known
 
 cv2: Any = pytest.importorskip("cv2")
 
@@ -74,8 +75,7 @@ def test_sides_start_at_the_top_left_and_go_clockwise() -> None:
     mask = np.zeros((40, 50), dtype=np.bool_)
     mask[10:31, 5:46] = True
     mask[0, 0] = True  # a speck elsewhere
-    sides = outline_sides(cv2, mask)
-    assert sides is not None
+    sides = known(outline_sides(cv2, mask))
     expected = [[5.5, 10.5], [45.5, 10.5], [45.5, 30.5], [5.5, 30.5]]
     np.testing.assert_allclose(sides[:, 0], expected)
     np.testing.assert_allclose(sides[0, 6], [25.5, 10.5])
@@ -98,10 +98,8 @@ def test_masks_without_four_corners_are_answered_by_the_middle() -> None:
 
 @pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])
 def test_the_angle_of_a_flat_cloth_is_that_of_the_rectangle_around_it(angle_deg: float) -> None:
-    mask = view_of(turned(angle_deg)).mask
-    assert mask is not None
-    found = angle_from_upright(cv2, mask)
-    assert found is not None
+    mask = known(view_of(turned(angle_deg)).mask)
+    found = known(angle_from_upright(cv2, mask))
     assert np.degrees(found) == pytest.approx(angle_deg, abs=1.5)
 
 
@@ -112,8 +110,7 @@ def test_a_slanted_fold_hardly_turns_a_cloth(angle_deg: float) -> None:
     place = turned(angle_deg)
     mask = np.zeros(SIZE[::-1], dtype=np.uint8)
     cv2.fillPoly(mask, [np.rint(place(corners) - 0.5).astype(np.int32)], 1)
-    found = angle_from_upright(cv2, mask > 0)
-    assert found is not None
+    found = known(angle_from_upright(cv2, mask > 0))
     gap = (np.degrees(found) - angle_deg + 45) % 90 - 45
     assert abs(gap) < 10
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import torch
 
 from pliant.models.training.checkpoint import TrainingState, latest_checkpoint, read_checkpoint
+from tests.known import known
 
 
 def last_checkpoint(run: Path) -> TrainingState:
-    latest = latest_checkpoint(run)
-    assert latest is not None
+    latest = known(latest_checkpoint(run))
     return read_checkpoint(latest)
 
 

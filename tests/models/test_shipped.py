@@ -10,16 +10,11 @@ import yaml
 import pliant
 from pliant.baselines.predict import predict
 from pliant.evaluator import evaluate
-from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.run import generate
 from pliant.models import shipped
-from pliant.models.don.matcher import DonMatcher
 from pliant.models.shipped import load_shipped, shipped_names
-from pliant.spec.configuration import read_settings
-from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from tests.evaluator.figures import figure
-from tests.generator.runner.standin import InProcess
+from tests.models.shipped_models import made_like_training_set, shipped_don
 
 
 @pytest.mark.parametrize(
@@ -44,10 +39,7 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     assert "Protocol" in card, "the card has no scores"
     matcher = load_shipped(name)
     assert matcher.name == name
-    trained_on = read_settings(GenerateConfig, folder / "data.yaml")
-    few = trained_on.replace(splits={"test": 3}, sequences=None)
-    generate(few, tmp_path / "set", engine=InProcess())
-    dataset = Dataset.open(tmp_path / "set")
+    dataset = made_like_training_set(name, tmp_path / "set", 3)
     predict(dataset, "test", matcher, tmp_path / "answers.parquet")
     scores = evaluate(tmp_path / "answers.parquet", dataset)
     assert figure(scores, "median_px") < 60
@@ -59,9 +51,7 @@ def test_a_trained_model_takes_its_answer_settings_as_options() -> None:
     turned = load_shipped("don-cloth", blank_square="any")
     assert turned.describe()["answer"]["blank_square"] == "any"
     assert load_shipped("don-cloth").describe()["answer"]["blank_square"] == "upright"
-    flat = load_shipped("don-rope", crossings=False)
-    assert isinstance(flat, DonMatcher)
-    assert flat.reader.crossings is None
+    assert shipped_don("don-rope", crossings=False).reader.crossings is None
     with pytest.raises(CallError, match="blank_sqare: unknown setting"):
         load_shipped("don-cloth", blank_sqare="any")
     with pytest.raises(CallError, match=r"answer\.crossings"):

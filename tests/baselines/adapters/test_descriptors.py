@@ -13,6 +13,7 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, centres
+from tests.known import known
 
 
 def waves(places: FloatArray, least: float, most: float) -> FloatArray:
@@ -90,8 +91,7 @@ def test_heat_is_the_similarity_on_the_object(motion: Motion) -> None:
     method = from_descriptors(describing(motion, centres(100, 120)))
     assert isinstance(method, HeatMatcher)
     heat = method.heat(motion.source, motion.target, motion.queries[0])
-    assert motion.target.mask is not None
-    np.testing.assert_array_equal(np.isfinite(heat.values), motion.target.mask)
+    np.testing.assert_array_equal(np.isfinite(heat.values), known(motion.target.mask))
     v, u = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
     assert np.linalg.norm([u + 0.5, v + 0.5] - motion.move(motion.queries[:1])[0]) < 2
     assert 0 < heat.confidence <= 1

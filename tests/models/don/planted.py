@@ -14,9 +14,8 @@ from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network
-from pliant.spec.arrays import Mask
 from pliant.spec.dataset import Dataset
-from pliant.spec.frame import Frame
+from tests.known import known
 
 SIZE = (80, 60)
 
@@ -46,18 +45,13 @@ def drawn(dataset: Dataset, pairs: int, queries: int, seed: int = 3) -> list[Val
     return draw_validation_pairs(store, pairs, queries, seed)
 
 
-def mask_of(view: Frame) -> Mask:
-    assert view.mask is not None
-    return view.mask
-
-
 def within(pair: ValidationPair) -> ValidationPair:
     """The pair without the points on the sheet's rim, whose colours are mixed with the table's."""
     keep = np.ones(len(pair.uv_a_px), bool)
     for view, uv in ((pair.source, pair.uv_a_px), (pair.target, pair.uv_b_px[:, 0])):
         for shift in ((-2, 0), (2, 0), (0, -2), (0, 2)):
             column, row = np.floor(uv + shift).astype(int).T
-            keep &= mask_of(view)[row, column]
+            keep &= known(view.mask)[row, column]
     return replace(
         pair, uv_a_px=pair.uv_a_px[keep], uv_b_px=pair.uv_b_px[keep], visible=pair.visible[keep]
     )

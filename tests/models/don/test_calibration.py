@@ -22,6 +22,7 @@ from pliant.models.don.validation import ValidationPair
 from pliant.models.networks.descriptor_network import pixel_grid
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
+from tests.known import known
 from tests.models.don.planted import SIZE, ColourIsPlace, by_colour, drawn, within
 
 
@@ -34,8 +35,7 @@ def calibrated(matcher: DonMatcher, pairs: list[ValidationPair]) -> Calibration:
 
 def first_sigmas(matcher: DonMatcher, pair: Pair) -> npt.NDArray[np.float32]:
     """Return the standard deviation of each answer's heaviest mode."""
-    modes = matcher.answer(pair).modes
-    assert modes is not None
+    modes = known(matcher.answer(pair).modes)
     return np.array([rows[rows[:, 3].argmax(), 2] for rows in modes])
 
 
@@ -52,13 +52,11 @@ def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[Validatio
     matcher.network.backbone = Noisy()
     calibration = calibrate(matcher, pairs, (640, 480))
     assert calibration.temperature > 1.5
-    assert calibration.figures is not None
-    assert calibration.figures["ece"] < 0.1
+    assert known(calibration.figures)["ece"] < 0.1
     matcher.calibration = calibration
     answers = matcher.answer(pairs[0])
-    assert answers.modes is not None
     assert all(
-        abs(rows[:, 3].sum() - 1) < 1e-3 and (rows[:, 2] > 0).all() for rows in answers.modes
+        abs(rows[:, 3].sum() - 1) < 1e-3 and (rows[:, 2] > 0).all() for rows in known(answers.modes)
     )
     matcher.settings = AnswerSettings(distribution="none")
     assert matcher.answer(pairs[0]).modes is None
@@ -108,8 +106,7 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     assert calibrate(matcher, pairs, SIZE).unmasked is None, "it finds no masks"
     monkeypatch.setattr(RopeReader, "finds_masks", True)
     calibration = calibrated(matcher, pairs)
-    assert calibration.unmasked is not None
-    modest = replace(calibration.unmasked, sigma_floor_px=9.0)
+    modest = replace(known(calibration.unmasked), sigma_floor_px=9.0)
     matcher.calibration = replace(calibration, sigma_floor_px=0.5, unmasked=modest)
     pair = pairs[0]
     bare = replace(pair.target, mask=None, objects=None, key="bare")
@@ -135,11 +132,11 @@ def test_ropes_whose_ends_look_alike_have_a_calibration_of_their_own(
 
 def test_of_several_calibrations_that_of_found_masks_holds_first_and_a_tilts_last() -> None:
     tilted, unmasked, either = (Calibration(spread=spread) for spread in (2.0, 3.0, 4.0))
-    known = Calibration(tilted=tilted, unmasked=unmasked, either_way=either)
-    assert known.for_views(tilted=True, unmasked=True, either_way=True) is unmasked
-    assert known.for_views(tilted=True, unmasked=False, either_way=True) is either
-    assert known.for_views(tilted=True, unmasked=False, either_way=False) is tilted
-    assert known.for_views(tilted=False, unmasked=False, either_way=False) is known
+    several = Calibration(tilted=tilted, unmasked=unmasked, either_way=either)
+    assert several.for_views(tilted=True, unmasked=True, either_way=True) is unmasked
+    assert several.for_views(tilted=True, unmasked=False, either_way=True) is either
+    assert several.for_views(tilted=True, unmasked=False, either_way=False) is tilted
+    assert several.for_views(tilted=False, unmasked=False, either_way=False) is several
     apart = Calibration(tilted=either, unmasked=Calibration(tilted=tilted))
     assert apart.for_views(tilted=True, unmasked=True, either_way=False) is tilted
     older = Calibration(tilted=tilted)
@@ -177,15 +174,14 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     assert together.doubtful is None, "too few pairs for groups"
     monkeypatch.setattr(calibration_module, "_PAIRS_A_GROUP", 4)
     apart = calibrated(matcher, mixed)
-    assert apart.doubtful is not None
+    doubtful = known(apart.doubtful)
     for pair in mixed:
         views = Reframed.unchanged(pair.source), Reframed.unchanged(pair.target)
         found = blurred(*views, pair.uv_a_px)
         vague = pair.target.key.startswith("vague")
-        assert apart.where(found.log_p, found.uv_px) is (apart.doubtful if vague else apart)
-    each = [apart.figures, apart.doubtful.figures]
-    assert together.figures is not None
-    assert np.mean([found["nll"] for found in each if found]) < together.figures["nll"]
+        assert apart.where(found.log_p, found.uv_px) is (doubtful if vague else apart)
+    each = [apart.figures, doubtful.figures]
+    assert np.mean([found["nll"] for found in each if found]) < known(together.figures)["nll"]
 
 
 def test_doubt_is_the_log_of_the_spread() -> None:
@@ -214,13 +210,9 @@ def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> No
     matcher = by_colour()
     calibration = calibrate(matcher, changed, SIZE)
     assert calibration.visible_slope > 0
-    assert calibration.figures is not None
-    assert calibration.figures["visible_accuracy"] > 0.9
+    assert known(calibration.figures)["visible_accuracy"] > 0.9
     matcher.calibration = calibration
-    seen = matcher.answer(changed[0]).visible
-    gone = matcher.answer(changed[1]).visible
-    assert seen is not None
-    assert gone is not None
+    seen, gone = (known(matcher.answer(pair).visible) for pair in changed[:2])
     assert np.median(seen) > 0.5 > np.median(gone)
 
 

@@ -18,6 +18,7 @@ from pliant.models.don.crossings import CROSSINGS, with_overlaps
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
 from pliant.models.training.checkpoint import load_weights, save_weights
 from pliant.spec.frame import Frame
+from tests.known import known
 
 SIDE = 96
 HALF_PX = 4.0
@@ -83,8 +84,8 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         view = Frame(frame.rgb, frame.mask)
         trace = Trace(line, length, HALF_PX, 1.0, 0.0, Nadir.of_image(frame.mask.shape))
-        (known,) = with_overlaps(network, view, frame.mask, [trace])
-        (overlap,) = known.overlaps
+        (traced,) = with_overlaps(network, view, frame.mask, [trace])
+        (overlap,) = traced.overlaps
         assert overlap.half_px == pytest.approx(HALF_PX, rel=0.15)
         right.append((overlap.upper.start < overlap.lower.start) == first_is_upper)
     return float(np.mean(right))
@@ -100,10 +101,9 @@ def stores() -> tuple[PaintedStore, PaintedStore]:
 def test_a_network_learns_which_strand_is_on_top(
     stores: tuple[PaintedStore, PaintedStore], tmp_path: Path
 ) -> None:
-    known: Any
-    known, unseen = stores
-    network = fit_crossings([known], seed=0)
-    assert network is not None
+    seen: Any
+    seen, unseen = stores
+    network = known(fit_crossings([seen], seed=0))
     assert share_right(network, unseen) > 0.9
     save_weights(tmp_path / CROSSINGS, network.state_dict())
     loaded = CrossingNetwork()

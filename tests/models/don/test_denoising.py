@@ -9,11 +9,10 @@ import pytest
 from pliant.baselines.conditions import noise_of
 from pliant.models.don import described
 from pliant.models.don.described import ViewDescriber
-from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.segmentation import denoised
-from pliant.models.shipped import load_shipped
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame
+from tests.models.shipped_models import shipped_don
 
 
 def noisy(rgb: npt.NDArray[np.uint8], deviation: float) -> npt.NDArray[np.uint8]:
@@ -41,8 +40,7 @@ def test_a_picture_without_noise_is_left_as_it_is() -> None:
 
 
 def test_objects_are_looked_for_in_the_smoothed_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    matcher = load_shipped("don-rope")
-    assert isinstance(matcher, DonMatcher)
+    matcher = shipped_don("don-rope")
     views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
     picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source.rgb
     assert views.segmented(Frame(picture, key="s/0")).mask is not None

@@ -19,6 +19,7 @@ from pliant.models.shipped import load_shipped
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import TrainingError
 from pliant.spec.frame import Frame
+from tests.known import known
 
 torch = pytest.importorskip("torch")
 
@@ -61,8 +62,7 @@ def fitted() -> Familiarity:
 
 
 def scores(fitted: Familiarity, *queries: Asked) -> np.ndarray:
-    assert fitted.descriptors is not None
-    return fitted.score(np.concatenate(list(map(fitted.descriptors.statistics, queries))))
+    return fitted.score(np.concatenate(list(map(known(fitted.descriptors).statistics, queries))))
 
 
 def test_the_score_is_the_share_of_queries_as_unusual(fitted: Familiarity) -> None:
@@ -161,12 +161,9 @@ def ball_in_mask(own: Frame, other: Frame) -> Frame:
 
 def two_ropes(own: Frame, other: Frame) -> Frame:
     """Return the frame with a mask that has the other frame's rope too, mirrored."""
-    assert own.mask is not None
-    assert own.objects is not None
-    assert other.objects is not None
-    further = other.objects[:, ::-1]
-    key = f"{own.key} and {other.key}"
-    return own.replace(mask=own.mask | further, objects=own.objects | further, key=key)
+    further = known(other.objects)[:, ::-1]
+    mask, objects = known(own.mask) | further, known(own.objects) | further
+    return own.replace(mask=mask, objects=objects, key=f"{own.key} and {other.key}")
 
 
 @pytest.mark.long
@@ -186,9 +183,8 @@ def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> Non
                 pair if change is None else replace(pair, source=change(a, b), target=change(b, a))
             )
             answers = matcher.answer(asked)
-            assert answers.familiarity is not None
             errors.append(np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1))
-            flagged.append(answers.familiarity < UNFAMILIAR)
+            flagged.append(known(answers.familiarity) < UNFAMILIAR)
         gap_px, unusual = np.concatenate(errors), np.concatenate(flagged)
         chosen = gap_px < 15 if change is None else gap_px > 60
         shares[change] = float(unusual[chosen].mean())

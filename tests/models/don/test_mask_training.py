@@ -18,9 +18,7 @@ from pliant.models.networks.mask_network import CLOTH_SIDE, MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
 from pliant.spec.frame import Frame
-from tests.models.don.test_segmentation import HEIGHT, WIDTH, overlap, scene
-
-ROPE, BALL = scene()[1:3]
+from tests.models.don.test_segmentation import BALL, HEIGHT, ROPE, WIDTH, overlap, scene
 
 
 def painted() -> Frame:

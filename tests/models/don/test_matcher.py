@@ -25,8 +25,9 @@ from pliant.models.networks.descriptor_network import NetworkSettings, build_net
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from pliant.viewer.explorer.layers import descriptor_colours
+from tests.known import known
 from tests.loaders.sheet_dataset import sheet_map
-from tests.models.don.planted import SIZE, by_colour, drawn, mask_of, within
+from tests.models.don.planted import SIZE, by_colour, drawn, within
 
 
 @pytest.mark.parametrize("decode", ["argmax", "median", "soft"])
@@ -75,7 +76,7 @@ def test_a_small_object_is_looked_at_enlarged(
     def placed(view: Frame) -> Frame:
         around = [(corner[1], 150), (corner[0], 200)]
         rgb = np.pad(view.rgb, [*around, (0, 0)], mode="edge")
-        mask = np.pad(mask_of(view), around)
+        mask = np.pad(known(view.mask), around)
         return Frame(rgb, mask if masks else None, key=f"{view.key} placed")
 
     def errors_px(fill: tuple[float, float]) -> npt.NDArray[np.float64]:
@@ -89,7 +90,7 @@ def test_a_small_object_is_looked_at_enlarged(
 
     def found(reader: RopeReader, view: Frame) -> npt.NDArray[np.bool_]:
         shown = pair.source if view.key.startswith(pair.source.key) else pair.target
-        return np.pad(mask_of(shown), [(corner[1], 150), (corner[0], 200)])[::5, ::5]
+        return np.pad(known(shown.mask), [(corner[1], 150), (corner[0], 200)])[::5, ::5]
 
     pair = within(pairs[0])
     pair = replace(pair, uv_a_px=pair.uv_a_px.astype(np.float32))
@@ -99,7 +100,7 @@ def test_a_small_object_is_looked_at_enlarged(
 
 def test_search_stays_in_the_mask_unless_told(pairs: list[ValidationPair]) -> None:
     pair = pairs[0]
-    corner = np.zeros_like(mask_of(pair.target))
+    corner = np.zeros_like(known(pair.target.mask))
     corner[:8, :8] = True
     target = replace(pair.target, mask=corner, key="corner")
     inside = by_colour().answer(Pair(pair.source, target, pair.uv_a_px)).uv_px
@@ -122,7 +123,7 @@ def test_no_queries_and_empty_masks(pairs: list[ValidationPair]) -> None:
     pair = pairs[0]
     nothing = by_colour().answer(Pair(pair.source, pair.target, np.zeros((0, 2), np.float32)))
     assert nothing.uv_px.shape == (0, 2)
-    nowhere = np.zeros_like(mask_of(pair.target))
+    nowhere = np.zeros_like(known(pair.target.mask))
     unseen = replace(pair.target, mask=nowhere, key="unseen")
     assert np.isfinite(by_colour().answer(Pair(pair.source, unseen, pair.uv_a_px)).uv_px).all()
 
@@ -137,7 +138,7 @@ def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
     peak = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
     answer = matcher.answer(Pair(pair.source, pair.target, query[None])).uv_px[0]
     assert np.hypot(peak[1] + 0.5 - answer[0], peak[0] + 0.5 - answer[1]) < 1.5
-    assert np.isnan(heat.values[~mask_of(pair.target)]).all()
+    assert np.isnan(heat.values[~known(pair.target.mask)]).all()
     assert 0 < heat.confidence <= 1
 
 

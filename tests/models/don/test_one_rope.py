@@ -8,6 +8,7 @@ import pytest
 from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import Mask
 from tests.baselines.tracing.drawn_strands import SIZE, U, V, drawn
+from tests.models.don.test_segmentation import overlap
 
 S = np.linspace(0, 1, 2000)
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
@@ -25,10 +26,6 @@ def painted(*parts: tuple[Mask, tuple[int, int, int]]) -> np.ndarray:
     return np.asarray((rgb + noise).clip(0, 255).astype(np.uint8))
 
 
-def iou(one: Mask, other: Mask) -> float:
-    return float((one & other).sum() / (one | other).sum())
-
-
 @pytest.mark.parametrize("half_px", [7.0, 3.5])
 @pytest.mark.parametrize("colour", [CABLE, ROPE])
 def test_cables_of_another_colour_or_width_go(half_px: float, colour: tuple[int, int, int]) -> None:
@@ -37,7 +34,7 @@ def test_cables_of_another_colour_or_width_go(half_px: float, colour: tuple[int,
     rope = drawn(WAVE, 7.0)
     cables = drawn(CROSSING, half_px) | drawn(APART, half_px)
     found, ball = of_one_rope(painted((cables, colour), (rope, ROPE)), rope | cables, None)
-    assert iou(found, rope) > 0.93
+    assert overlap(found, rope) > 0.93
     assert ball is None
 
 
@@ -47,10 +44,10 @@ def test_the_rope_at_the_ball_is_taken_though_it_is_smaller() -> None:
     rope &= ~ball
     rgb = painted((other, CABLE), (rope, ROPE), (ball, (220, 30, 30)))
     found, kept = of_one_rope(rgb, rope | other, ball)
-    assert iou(found, rope) > 0.93
+    assert overlap(found, rope) > 0.93
     assert kept is ball
     found, _ = of_one_rope(rgb, rope | other, None)
-    assert iou(found, other) > 0.93
+    assert overlap(found, other) > 0.93
 
 
 def test_what_is_not_round_is_no_ball() -> None:
@@ -59,7 +56,7 @@ def test_what_is_not_round_is_no_ball() -> None:
     rgb = painted((other, CABLE), (rope, ROPE), (corner, (220, 30, 30)))
     found, kept = of_one_rope(rgb, rope | other, corner)
     assert kept is None
-    assert iou(found, rope) > 0.93
+    assert overlap(found, rope) > 0.93
 
 
 def test_the_mask_of_one_rope_is_not_touched() -> None:
@@ -74,4 +71,4 @@ def test_a_rope_under_a_cloth_keeps_both_its_parts() -> None:
     rope = drawn(WAVE, 7.0) & (np.abs(U - 300) > 50)
     cable = drawn(APART, 4.0)
     found, _ = of_one_rope(painted((rope, ROPE), (cable, CABLE)), rope | cable, None)
-    assert iou(found, rope) > 0.93
+    assert overlap(found, rope) > 0.93

@@ -10,39 +10,29 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.run import generate
-from pliant.models import shipped
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.shipped import load_shipped
-from pliant.spec.configuration import read_settings
-from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
-from tests.generator.runner.standin import InProcess
-
-QUARTERS = [1, 2, 3]
+from tests.known import known
+from tests.models.shipped_models import made_like_training_set, shipped_don
 
 
 def pairs(folder: Path, **cloth: Any) -> list[Pair]:
     """Two pairs of smooth cloths seen from above, with the looks of training."""
-    trained_on = read_settings(GenerateConfig, shipped.FOLDER / "don-cloth" / "data.yaml")
-    config = trained_on.replace(
+    dataset = made_like_training_set(
+        "don-cloth",
+        folder,
+        3,
         tiers=["cloth-1"],
-        splits={"test": 3},
-        sequences=None,
         seed=79,
-        camera=trained_on.camera.replace(top=1.0, oblique=0.0, shift=(0.0, 0.0)),
-        cloth=trained_on.cloth.replace(yaw_max_rad=0.1, **cloth),
+        camera={"top": 1.0, "oblique": 0.0, "shift": [0.0, 0.0]},
+        cloth={"yaw_max_rad": 0.1, **cloth},
     )
-    generate(config, folder, engine=InProcess())
-    return [pair.seen() for pair in Dataset.open(folder).pairs("test")[:2]]
+    return [pair.seen() for pair in dataset.pairs("test")[:2]]
 
 
 @pytest.fixture(scope="module")
 def matcher() -> DonMatcher:
-    made = load_shipped("don-cloth")
-    assert isinstance(made, DonMatcher)
-    return made
+    return shipped_don("don-cloth")
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +53,8 @@ def turned(pair: Pair, quarters: int) -> Pair:
     def moved(values: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(Image.fromarray(values).rotate(90 * quarters))
 
-    assert frame.mask is not None
-    mask = moved(frame.mask)
-    assert mask.sum() == frame.mask.sum()
+    mask = moved(known(frame.mask))
+    assert mask.sum() == known(frame.mask).sum()
     away = pair.uv_a_px - middle
     for _ in range(quarters):
         away = np.column_stack([away[:, 1], -away[:, 0]])
@@ -73,7 +62,7 @@ def turned(pair: Pair, quarters: int) -> Pair:
     return Pair(source, pair.target, (away + middle).astype(np.float32))
 
 
-@pytest.mark.parametrize("quarters", QUARTERS)
+@pytest.mark.parametrize("quarters", [1, 2, 3])
 def test_the_print_says_how_a_cloth_is_turned(
     matcher: DonMatcher, printed: list[Pair], quarters: int
 ) -> None:
@@ -86,6 +75,8 @@ def test_the_print_says_how_a_cloth_is_turned(
 def test_a_blank_cloth_stays_as_it_is_and_a_print_is_settled(
     matcher: DonMatcher, printed: list[Pair], blank: list[Pair]
 ) -> None:
-    for known, asked in ((True, printed), (False, blank)):
+    for settled, asked in ((True, printed), (False, blank)):
         for pair in asked:
-            assert matcher._decided(pair.source, pair.target, pair.uv_a_px).source.settled == known
+            assert (
+                matcher._decided(pair.source, pair.target, pair.uv_a_px).source.settled == settled
+            )

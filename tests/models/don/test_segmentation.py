@@ -13,14 +13,14 @@ from scipy import ndimage
 
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import ViewDescriber
-from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.mask_network import MaskNetwork
-from pliant.models.shipped import load_shipped
 from pliant.spec.arrays import Mask
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame, Pair
+from tests.known import known
+from tests.models.shipped_models import shipped_don
 
 WIDTH, HEIGHT, HALF_PX = 640, 480, 9
 
@@ -55,6 +55,9 @@ def scene() -> tuple[npt.NDArray[np.uint8], Mask, Mask, Mask]:
     return encoded(linear), rope, ball, shadow
 
 
+_, ROPE, BALL, SHADOW = scene()
+
+
 def vague(rope: Mask, others: Mask | None = None) -> Foreground:
     """Return what a network might say of a picture at a quarter of the size: blurred, unsure."""
 
@@ -67,16 +70,10 @@ def vague(rope: Mask, others: Mask | None = None) -> Foreground:
     return Foreground(own, objects, np.full_like(own, 0.5))
 
 
-def masks_in(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask | None]:
-    found = rope_masks(rgb, seen)
-    assert found is not None
-    return found
-
-
 def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
     rgb, rope, ball, shadow = scene()
-    own, objects = masks_in(rgb, vague(rope, ball | shadow))
-    assert objects is not None
+    own, objects = known(rope_masks(rgb, vague(rope, ball | shadow)))
+    objects = known(objects)
     assert overlap(own, rope) > 0.85
     assert overlap(objects & ~own, ball) > 0.7
     assert (objects & shadow).sum() < 0.05 * shadow.sum()
@@ -87,14 +84,14 @@ def test_a_rope_like_the_table_is_kept_where_the_network_is_sure() -> None:
     part = rope & (np.arange(WIDTH) > WIDTH // 2)
     rgb[part] = rgb[10, 10] // 2
     seen = rope.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3)).astype(np.float32)
-    own, _ = masks_in(rgb, Foreground(seen, seen, np.full_like(seen, 0.5)))
+    own, _ = known(rope_masks(rgb, Foreground(seen, seen, np.full_like(seen, 0.5))))
     assert (own & part).sum() > 0.6 * part.sum()
 
 
 def test_a_ball_like_the_table_is_not_ruled_out_where_no_end_is_known() -> None:
     rgb, rope, ball, _ = scene()
     rgb[ball] = rgb[10, 10]
-    own, objects = masks_in(rgb, vague(rope))
+    own, objects = known(rope_masks(rgb, vague(rope)))
     assert overlap(own, rope) > 0.85
     assert objects is None
 
@@ -105,9 +102,8 @@ def test_a_ball_like_the_table_is_where_the_first_end_is() -> None:
     seen = vague(rope)
     first = np.zeros_like(seen.first)
     first[:, : WIDTH // 16] = 1  # of four pixels each: the first quarter
-    own, objects = masks_in(rgb, replace(seen, first=first))
-    assert objects is not None
-    gap_px = np.argwhere(objects & ~own).mean(axis=0) - np.argwhere(ball).mean(axis=0)
+    own, objects = known(rope_masks(rgb, replace(seen, first=first)))
+    gap_px = np.argwhere(known(objects) & ~own).mean(axis=0) - np.argwhere(ball).mean(axis=0)
     assert np.linalg.norm(gap_px) < 4 * HALF_PX
     assert overlap(own, rope) > 0.8
 
@@ -118,8 +114,7 @@ def test_a_print_of_the_tables_colour_is_a_part_of_its_cloth() -> None:
     cloth[100:380, 150:500] = True
     printed[200:260, 220:400] = True
     rgb[cloth & ~printed] = (30, 60, 160)
-    found = cloth_mask(rgb, vague(cloth).rope)
-    assert found is not None
+    found = known(cloth_mask(rgb, vague(cloth).rope))
     assert overlap(found, cloth) > 0.97
 
 
@@ -146,14 +141,13 @@ def test_a_network_for_masks_is_asked_only_where_it_is_sure() -> None:
 
 
 def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
-    matcher = load_shipped("don-cloth")
-    assert isinstance(matcher, DonMatcher)
+    matcher = shipped_don("don-cloth")
     views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     left, right = (np.hypot(rows - 240, columns - u) < 90 for u in (180, 460))
     rgb = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
     rgb[left | right] = [60, 150, 90]
-    foreground = views.foreground(Frame(rgb, key="s/0")).mask
+    foreground = known(views.foreground(Frame(rgb, key="s/0")).mask)
 
     class Says(MaskNetwork):
         sure = 1.0
@@ -163,30 +157,24 @@ def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
             return np.stack([p, p])
 
     views.masks = says = Says()
-    mask = views.foreground(Frame(rgb, key="s/1")).mask
-    assert mask is not None
+    mask = known(views.foreground(Frame(rgb, key="s/1")).mask)
     assert overlap(mask, left) > 0.9
     says.sure = 0.8
-    again = views.foreground(Frame(rgb, key="s/2")).mask
-    assert foreground is not None
-    assert again is not None
+    again = known(views.foreground(Frame(rgb, key="s/2")).mask)
     assert (again == foreground).all()
     assert overlap(again, left) < 0.9
 
 
 def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     sample = Dataset.open(SAMPLE)
-    matcher = load_shipped("don-rope")
-    assert isinstance(matcher, DonMatcher)
+    matcher = shipped_don("don-rope")
     store = FrameStore(sample, "rope", "test", sample.size)
     overlaps, errors, gaps = [], [], []
     for pair in draw_validation_pairs(store, pairs=2, queries=40, seed=1):
         source, target = (Frame(view.rgb, key=view.key) for view in (pair.source, pair.target))
         views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
-        mask = views.segmented(target).mask
-        assert mask is not None
-        assert pair.target.mask is not None
-        overlaps.append(overlap(mask, pair.target.mask))
+        mask = known(views.segmented(target).mask)
+        overlaps.append(overlap(mask, known(pair.target.mask)))
         answers = matcher.answer(Pair(source, target, pair.uv_a_px))
         error = np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1)
         errors.append(error[pair.visible[:, 0]])
@@ -194,8 +182,7 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
         assert np.isnan(heat[0, 0])  # the mask that was found is what is searched
         row, column = np.unravel_index(np.nanargmax(heat), heat.shape)
         one = matcher.answer(Pair(source, target, pair.uv_a_px[:1]))
-        assert one.modes is not None
-        modes = one.modes[0][:, :2] - np.array([column + 0.5, row + 0.5])
+        modes = known(one.modes)[0][:, :2] - np.array([column + 0.5, row + 0.5])
         gaps.append(np.linalg.norm(modes, axis=1).min())
     assert max(gaps) < 6  # heat map and modes are of one distribution
     assert np.median(overlaps) > 0.7
@@ -205,22 +192,19 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
 def test_masks_are_found_once_for_all_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    matcher = load_shipped("don-rope")
-    assert isinstance(matcher, DonMatcher)
+    matcher = shipped_don("don-rope")
     matcher.share(tmp_path)
     copy = pickle.loads(pickle.dumps(matcher))
     picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source
     view = Frame(picture.rgb, key="s/0")
-    mask = matcher.object_mask(view)
-    assert mask is not None
+    mask = known(matcher.object_mask(view))
 
     def refuse(*_: object) -> None:
         raise AssertionError("the masks of a picture were found again")
 
     monkeypatch.setattr("pliant.models.don.described.rope_masks", refuse)
     for each in (matcher, copy):
-        again = each.object_mask(view)
-        assert again is not None
+        again = known(each.object_mask(view))
         assert (again == mask).all()
     with pytest.raises(AssertionError, match="found again"):
         matcher.object_mask(Frame(picture.rgb, key="s/1"))

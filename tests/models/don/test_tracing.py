@@ -9,6 +9,7 @@ import torch
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.spec.frame import Frame
+from tests.known import known
 
 GRID = np.stack(np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5), axis=-1).reshape(-1, 2)
 
@@ -64,12 +65,10 @@ def line_view(ends_alike: bool, known: bool = True) -> TracedView:
 
 def test_a_rope_with_ends_alike_has_two_answers() -> None:
     bare, queries = line_view(ends_alike=True), np.array([[22.0, 10.0]], dtype=np.float32)
-    found = traced_places(bare, bare, torch.tensor(1.0), queries)
-    assert found is not None
-    assert found.other_way_px is not None
+    found = known(traced_places(bare, bare, torch.tensor(1.0), queries))
     # All readings that run one way are together, whichever end they start at.
     np.testing.assert_allclose(found.uv_px[:, 0, 0], found.uv_px[0, 0, 0], atol=0.5)
-    np.testing.assert_allclose(found.uv_px[0] + found.other_way_px[0], [[80, 20]], atol=0.5)
+    np.testing.assert_allclose(found.uv_px[0] + known(found.other_way_px)[0], [[80, 20]], atol=0.5)
     candidates = np.array([[22.0, 10.0], [58.0, 10.0], [40.0, 10.0]])
     sure = torch.tensor([[0.998, 0.001, 0.001]]).log()  # the network knows of one way only
     one_way = found.weighed_in(sure, candidates)
@@ -87,8 +86,7 @@ def test_a_ball_in_either_view_leaves_one_answer() -> None:
     queries = np.array([[22.0, 10.0]], dtype=np.float32)
     ball, unknown = line_view(ends_alike=False), line_view(ends_alike=True, known=False)
     for source, target in ((ball, ball), (ball, unknown), (unknown, ball)):
-        found = traced_places(source, target, torch.tensor(1.0), queries)
-        assert found is not None
+        found = known(traced_places(source, target, torch.tensor(1.0), queries))
         assert found.other_way_px is None
 
 
@@ -97,8 +95,7 @@ def test_where_no_ball_is_known_the_descriptors_answer_and_the_other_way_is_as_l
     ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)
     source, target = replace(view, descriptors=ramp), replace(view, descriptors=ramp.flip(2))
     queries = np.array([[22.0, 10.0]], dtype=np.float32)
-    found = traced_places(source, target, torch.tensor(1.0), queries)
-    assert found is not None
+    found = known(traced_places(source, target, torch.tensor(1.0), queries))
     assert found.other_way_px is not None
     way = found.weight @ found.uv_px[:, 0, 0]
     np.testing.assert_allclose([way, 80 - way], [58, 22], atol=0.5)  # the target runs the other way
@@ -117,8 +114,7 @@ def test_plausible_traces_that_agree_have_the_weight() -> None:
     source = replace(view, descriptors=ramp, traces=[right])
     target = replace(view, descriptors=ramp, traces=[short, reverse, right])
     queries = np.array([[22.0, 10.0]], dtype=np.float32)
-    found = traced_places(source, target, torch.tensor(1.0), queries)
-    assert found is not None
+    found = known(traced_places(source, target, torch.tensor(1.0), queries))
     np.testing.assert_allclose(found.weight.sum(), 1)
     np.testing.assert_allclose(found.uv_px[:, 0, 0], [22, 22, 58], atol=0.3)
     odds = found.weight[0] / found.weight[1:]

@@ -20,6 +20,7 @@ from pliant.models.training.settings import OptimiserSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from tests.known import known
 from tests.models.same_runs import assert_same_runs, last_checkpoint
 from tests.models.tiny_runs import DON, don, options
 
@@ -177,8 +178,7 @@ def test_what_cannot_go_on_or_answer_is_refused(sheet_dataset: Dataset, tmp_path
     train_don(sheet_dataset, run, don("steps=2"), stop_at=2)
     with pytest.raises(TrainingError, match="settings it began with"):
         train_don(sheet_dataset, run, don("steps=9"), resume=True)
-    folder = latest_checkpoint(run)
-    assert folder is not None
+    folder = known(latest_checkpoint(run))
     (folder / "weights.safetensors").write_bytes(b"broken")
     with pytest.raises(TrainingError, match=r"weights\.safetensors: the weights cannot be read"):
         train_don(sheet_dataset, run, don("steps=2"), resume=True)

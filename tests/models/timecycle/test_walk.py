@@ -16,6 +16,7 @@ from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.timecycle.walk import Copies, walk_losses, warped_copies
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from tests.known import known
 from tests.models.tiny_runs import timecycle
 
 H, W = 12, 16
@@ -118,9 +119,8 @@ def test_clips_without_the_object_count_nothing() -> None:
     found = walk_losses((maps,) * 3, (gone, gone), FULL, ONE, WalkSettings(), generator())
     loss = found["walk"] + found["direct"]
     loss.backward()
-    assert maps.grad is not None
     assert loss.item() == 0
-    assert not maps.grad.any()
+    assert not known(maps.grad).any()
 
 
 WALKS = (
