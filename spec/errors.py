@@ -49,14 +49,19 @@ class PliantError(Exception):
 
     def _sentence(self) -> str:
         place = escaped(", ".join(part for part in (self.path, self.where) if part))
-        text = f"{place}: {self.message}" if place else self.message
+        text = self.without_place()
+        return escaped(f"{place}: {text}" if place else text, lines=True)
+
+    def without_place(self) -> str:
+        """Return the sentence without path and place, which an issue has in fields of their own."""
+        text = self.message
         if self.found is not None:
             text += f"; found {escaped(str(self.found))}"
         if self.required is not None:
             text += f"; required: {self.required}"
         if self.fix is not None:
             text += f". {self.fix}"
-        return escaped(text, lines=True)
+        return text
 
 
 def _restored(kind: type[PliantError], sentence: str, state: dict[str, Any]) -> PliantError:

@@ -27,7 +27,6 @@ from pliant.spec.io.parquet import footer_of
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.opening import check_version
 from pliant.spec.text import name_fault, shortened
-from pliant.spec.validation.findings import reason
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
 REQUIRED: Final[dict[str, dict[str, str]]] = {
@@ -164,7 +163,7 @@ def _footer(
     try:
         footer = footer_of(file, path)
     except FileRefusedError as error:
-        text = _short(reason(error))
+        text = _short(error.without_place())
         if error.code == "FOOTER_MISSING":
             text = (
                 "the file does not say which queries it answers: it has no entry `pliant` in its "
@@ -180,7 +179,7 @@ def _footer(
         problems.add(
             error.code,
             "footer spec_version",
-            _short(reason(error))
+            _short(error.without_place())
             if three
             else f"found {found!r:.40}; required: text of three numbers, such as {SPEC_VERSION!r}",
         )

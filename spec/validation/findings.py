@@ -140,16 +140,4 @@ class FileProblems:
         try:
             yield
         except FileRefusedError as error:
-            self.add(error.code, error.where or "", reason(error))
-
-
-def reason(error: FileRefusedError) -> str:
-    """Return an error's sentence without the place, which an issue carries itself."""
-    text = error.message
-    if error.found is not None:
-        text += f"; found {error.found}"
-    if error.required is not None:
-        text += f"; required: {error.required}"
-    if error.fix is not None:
-        text += f". {error.fix}"
-    return text
+            self.add(error.code, error.where or "", error.without_place())

@@ -13,7 +13,7 @@ from pliant.spec.io.reading import FileRefusedError, read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles
 from pliant.spec.storage.packed import PackedFiles, members_of
-from pliant.spec.validation.findings import FileProblems, Findings, reason
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import is_safe
 from pliant.spec.validation.rules.listing import check_identity
@@ -101,7 +101,7 @@ def _unpack(files: PackedFiles, root: Path, tier: str, name: str, problems: File
                 files.get(f"{layout.sequence_name(tier, name)}/{path}"), limits.MAX_TABLE_BYTES
             )
         except FileRefusedError as error:
-            problems.add("INDEX_INVALID", where, f"{shard[:80]}: {reason(error)}")
+            problems.add("INDEX_INVALID", where, f"{shard[:80]}: {error.without_place()}")
             sound = False
             continue
         (folder / path).parent.mkdir(exist_ok=True)
