@@ -115,22 +115,16 @@ class Dataset:
     def sequences(self) -> list[SequenceRecord]:
         """Its sequences, in the order of `sequences.parquet`."""
         decoded = decoded_images()
-        columns = (self.listing[name].to_pylist() for name in _LISTED)
         return [
             self.sequence_class(
-                id=name,
-                tier=tier,
-                described=self.tiers[tier],
-                split=split,
-                shape=shape,
-                frames=frames,
-                temporal=temporal,
+                **row,
+                described=self.tiers[row["tier"]],
                 root=self.root,
                 size=self.size,
                 files=self.files,
                 decoded=decoded,
             )
-            for name, tier, split, shape, frames, temporal in zip(*columns, strict=True)
+            for row in self.listing.to_pylist()
         ]
 
     def with_private(self, folder: Path | str) -> Dataset:
