@@ -57,12 +57,7 @@ class LocalFiles:
     """
 
     def __init__(self, root: Path) -> None:
-        self.root = root
-
-    @property
-    def address(self) -> str:
-        """The folder's path."""
-        return str(self.root)
+        self.root, self.address = root, str(root)
 
     def has(self, name: str) -> bool:
         """Return whether there is such a file."""
@@ -72,9 +67,7 @@ class LocalFiles:
         """Return the file's path."""
         return self.root / name
 
-    def local(self, name: str) -> Path:
-        """Return the file's path."""
-        return self.root / name
+    local = get
 
     def read_range(self, name: str, offset: int, count: int) -> bytes:
         """Return a part of a file."""
@@ -96,13 +89,8 @@ class RemoteFiles:
     """
 
     def __init__(self, url: str) -> None:
-        self.url = url.rstrip("/")
+        self.address = url.rstrip("/")
         self._fetched: Path | None = None
-
-    @property
-    def address(self) -> str:
-        """The URL."""
-        return self.url
 
     def has(self, name: str) -> bool:
         """Return whether there is such a file."""
@@ -112,7 +100,7 @@ class RemoteFiles:
     def get(self, name: str) -> Blob:
         """Fetch a file."""
         filesystem, path = self._at(name)
-        shown = f"{self.url}/{name}"
+        shown = f"{self.address}/{name}"
         with _refusing(shown):
             size = filesystem.size(path)
             if size is not None:
@@ -135,7 +123,7 @@ class RemoteFiles:
     def read_range(self, name: str, offset: int, count: int) -> bytes:
         """Fetch a part of a file, and no more of it."""
         filesystem, path = self._at(name)
-        shown = f"{self.url}/{name}"
+        shown = f"{self.address}/{name}"
         with _refusing(shown):
             data = filesystem.cat_file(path, start=offset, end=offset + count)
         return _whole(data, count, shown)
@@ -147,9 +135,9 @@ class RemoteFiles:
         except ImportError as error:
             raise MissingExtraError("opening a URL", "publish") from error
         try:
-            filesystem, path = fsspec.core.url_to_fs(f"{self.url}/{name}")
+            filesystem, path = fsspec.core.url_to_fs(f"{self.address}/{name}")
         except (ImportError, ValueError) as error:  # an unknown protocol, or its package missing
-            raise SpecError("this URL cannot be opened", path=self.url, found=error) from error
+            raise SpecError("this URL cannot be opened", path=self.address, found=error) from error
         return filesystem, path
 
     def __getstate__(self) -> dict[str, Any]:
@@ -166,12 +154,7 @@ class SingleFile:
     """
 
     def __init__(self, name: str, path: Path) -> None:
-        self._name, self._path = name, path
-
-    @property
-    def address(self) -> str:
-        """The file's path."""
-        return str(self._path)
+        self._name, self._path, self.address = name, path, str(path)
 
     def has(self, name: str) -> bool:
         """Return whether this is the name of the file."""
@@ -181,9 +164,7 @@ class SingleFile:
         """Return the file's path."""
         return self._path
 
-    def local(self, name: str) -> Path:
-        """Return the file's path."""
-        return self._path
+    local = get
 
 
 class LayeredFiles:
@@ -195,12 +176,7 @@ class LayeredFiles:
     """
 
     def __init__(self, top: Files, below: Files) -> None:
-        self._top, self._below = top, below
-
-    @property
-    def address(self) -> str:
-        """Of the public half."""
-        return self._below.address
+        self._top, self._below, self.address = top, below, below.address
 
     def has(self, name: str) -> bool:
         """Return whether either half has such a file."""

@@ -33,7 +33,7 @@ class PackedFiles:
     """
 
     def __init__(self, storage: Storage, sequence_ids: Sequence[str]) -> None:
-        self._storage = storage
+        self._storage, self.address = storage, storage.address
         self._ids = list(sequence_ids)
         self._row_of = {name: row for row, name in enumerate(self._ids)}
         self._index: tuple[pq.ParquetFile, list[int]] | None = None
@@ -43,11 +43,6 @@ class PackedFiles:
     def __reduce__(self) -> tuple[type[PackedFiles], tuple[Storage, list[str]]]:
         """Leave out what another process reads again soon enough."""
         return PackedFiles, (self._storage, self._ids)
-
-    @property
-    def address(self) -> str:
-        """The dataset's path or URL."""
-        return self._storage.address
 
     def has(self, name: str) -> bool:
         """Return whether there is such a file, packed or loose."""
