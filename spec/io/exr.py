@@ -216,9 +216,7 @@ def read_header(path: AnyFile) -> ExrHeader:
     """
     with open_binary(path) as stream:
         head = stream.read(_HEAD_BYTES)
-    if len(head) < 8:
-        raise FileRefusedError("FILE_UNREADABLE", "this is not an EXR file", path=path)
-    magic, version = struct.unpack_from("<II", head)
+    magic, version = struct.unpack_from("<II", head) if len(head) >= 8 else (0, 0)
     if magic != _MAGIC:
         raise FileRefusedError("FILE_UNREADABLE", "this is not an EXR file", path=path)
     if version & 0xFF != 2 or version & ~0x4FF:
@@ -280,27 +278,17 @@ def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
 
 
 def _require_kind(header: ExrHeader, path: AnyFile, channels: dict[str, tuple[str, int]]) -> None:
-    required = {name: (number, 1, 1) for name, (_, number) in channels.items()}
-    if header.channels != required:
-        raise FileRefusedError(
-            "IMAGE_FORMAT",
-            "the EXR has other channels",
-            path=path,
-            found=sorted(header.channels),
-            required=", ".join(f"{name} ({kind})" for name, (kind, _) in channels.items()),
-        )
-    if header.compression not in COMPRESSIONS:
-        raise FileRefusedError(
-            "IMAGE_FORMAT",
-            "the EXR file has a compression that the format does not allow",
-            path=path,
-            found=f"compression {header.compression}",
-            required=", ".join(COMPRESSIONS.values()),
-        )
-    if header.origin != (0, 0) or not header.same_windows:
-        raise FileRefusedError(
-            "IMAGE_FORMAT",
-            "data window and display window must both start at (0, 0) and be equal",
-            path=path,
-            found=f"origin {header.origin}",
-        )
+    found: object
+    required = None
+    if header.channels != {name: (number, 1, 1) for name, (_, number) in channels.items()}:
+        problem, found = "the EXR has other channels", sorted(header.channels)
+        required = ", ".join(f"{name} ({kind})" for name, (kind, _) in channels.items())
+    elif header.compression not in COMPRESSIONS:
+        problem = "the EXR file has a compression that the format does not allow"
+        found, required = f"compression {header.compression}", ", ".join(COMPRESSIONS.values())
+    elif header.origin != (0, 0) or not header.same_windows:
+        problem = "data window and display window must both start at (0, 0) and be equal"
+        found = f"origin {header.origin}"
+    else:
+        return
+    raise FileRefusedError("IMAGE_FORMAT", problem, path=path, found=found, required=required)

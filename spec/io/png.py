@@ -43,7 +43,7 @@ def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -
     Raises:
         ValueError: The array is not uint8 (H, W, 3), or is empty or too large.
     """
-    if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
+    if rgb.dtype != np.uint8 or rgb.shape[2:] != (3,):
         raise ValueError(f"rgb must be uint8 (H, W, 3), not {rgb.dtype} {rgb.shape}")
     _write(path, rgb, _RGB, level)
 
