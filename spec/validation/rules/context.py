@@ -23,8 +23,7 @@ class Context:
         tiers: Tier name -> tier.
         splits: The splits declared.
         held_out: Those of them published without their truth.
-        id: The dataset's id.
-        version: The dataset's version.
+        identity: `id` and `version` of the dataset.
     """
 
     root: Path
@@ -34,8 +33,7 @@ class Context:
     tiers: dict[str, Tier]
     splits: tuple[str, ...]
     held_out: frozenset[str]
-    id: str
-    version: str
+    identity: dict[str, str]
 
     @classmethod
     def of(cls, root: Path, info: dict[str, Any], tiers: Iterable[Tier], quick: bool) -> Context:
@@ -48,6 +46,5 @@ class Context:
             tiers={tier.name: tier for tier in tiers},
             splits=tuple(info["splits"]),
             held_out=frozenset(info.get("held_out", ())),
-            id=info["id"],
-            version=info["version"],
+            identity={name: info[name] for name in ("id", "version")},
         )

@@ -61,9 +61,8 @@ def check_listing(
 def check_identity(context: Context, table: CheckedTable) -> None:
     """Check that a footer's `dataset`, where it has one, names this dataset."""
     named = table.footer.get("dataset")
-    required = {"id": context.id, "version": context.version}
-    if named is not None and named != required:
-        text = f"found {named}; dataset.json has {required}"
+    if named is not None and named != context.identity:
+        text = f"found {named}; dataset.json has {context.identity}"
         table.problems.add("IDENTITY_DIFFERS", "footer dataset", text)
 
 
@@ -126,9 +125,9 @@ def check_checksums(context: Context, findings: Findings) -> None:
     document = read_document(manifest, "manifest", problems)
     if document is None:
         return
-    named = {"id": context.id, "version": context.version}
-    if document["dataset"] != named or document["half"] != "public":
-        text = f"found {document['dataset']}, {document['half']}; required: {named}, public"
+    found, half, required = document["dataset"], document["half"], context.identity
+    if found != required or half != "public":
+        text = f"found {found}, {half}; required: {required}, public"
         problems.add("IDENTITY_DIFFERS", "dataset, half", text)
     if sorted(document["held_out"]) != sorted(context.held_out):
         text = f"found {document['held_out']}; dataset.json has {sorted(context.held_out)}"

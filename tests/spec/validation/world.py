@@ -57,7 +57,7 @@ def context(root: Path = Path(), **changes: Any) -> Context:
     facts: dict[str, Any] = {
         "root": root, "files": LocalFiles(root), "quick": False, "size": SIZE,
         "tiers": {"rope": None, "rope-bare": None}, "splits": ("train", "test"),
-        "held_out": frozenset(), "id": "d", "version": "1.0.0",
+        "held_out": frozenset(), "identity": {"id": "d", "version": "1.0.0"},
     }  # fmt: skip
     return Context(**facts | changes)
 
