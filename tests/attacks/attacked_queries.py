@@ -41,6 +41,10 @@ class Queries:
         """The rows of each pair."""
         return np.split(np.arange(len(self.pair)), np.flatnonzero(np.diff(self.pair)) + 1)
 
+    def shown_to(self, rows: Ints) -> FloatArray:
+        """Return the query pixels of a pair's target frame, float64 (M, 2), which may be none."""
+        return self.shown.get(int(self.target[rows[0]]), np.zeros((0, 2)))
+
 
 @dataclass(frozen=True)
 class Answers:

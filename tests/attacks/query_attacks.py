@@ -73,8 +73,8 @@ def rank_on_one_axis(queries: Queries) -> FloatArray:
     """Match row i of n to the same relative row among the target's own query pixels."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
-        shown = queries.shown.get(int(queries.target[rows[0]]))
-        if shown is not None:
+        shown = queries.shown_to(rows)
+        if len(shown):
             rank, known = _relative(len(rows)), _relative(len(shown))
             found[rows] = np.stack([np.interp(rank, known, shown[:, k]) for k in (0, 1)], axis=1)
     return found
@@ -84,8 +84,8 @@ def rank_on_two_axes(queries: Queries) -> FloatArray:
     """Lay the rows out as a square and match each to the closest place in the target's square."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
-        shown = queries.shown.get(int(queries.target[rows[0]]))
-        if shown is not None:
+        shown = queries.shown_to(rows)
+        if len(shown):
             nearest = cdist(_square(len(rows)), _square(len(shown))).argmin(axis=1)
             found[rows] = shown[nearest]
     return found
@@ -95,8 +95,8 @@ def assignment(queries: Queries) -> FloatArray:
     """Assign the query pixels of two frames to each other, after a similarity fit."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
-        shown = queries.shown.get(int(queries.target[rows[0]]))
-        if shown is not None and min(len(rows), len(shown)) > 2:
+        shown = queries.shown_to(rows)
+        if min(len(rows), len(shown)) > 2:
             mine, theirs = _best_assignment(queries.uv_px[rows], shown)
             found[rows[mine]] = shown[theirs]
     return found
@@ -202,8 +202,8 @@ def shown_share(queries: Queries, answers: Answers) -> float:
     """Return the share of visible answers that are, to 0.01 px, query pixels of their frame."""
     hits = np.zeros(len(answers.uv_px), np.bool_)
     for rows in queries.rows:
-        shown = queries.shown.get(int(queries.target[rows[0]]))
-        if shown is not None and len(shown):
+        shown = queries.shown_to(rows)
+        if len(shown):
             hits[rows] = cdist(answers.uv_px[rows], shown).min(axis=1) < 0.01
     return float(hits[answers.visible].mean())
 
@@ -224,9 +224,9 @@ def missing_points(
     for rows in queries.rows:
         a, b = int(queries.source[rows[0]]), int(queries.target[rows[0]])
         missing = ~np.isin(pool[a], answers.point[rows])
-        places, shown = answers.places_px[b][pool[a]], queries.shown.get(b)
+        places, shown = answers.places_px[b][pool[a]], queries.shown_to(rows)
         hit = np.zeros(len(places))
-        if shown is not None:
+        if len(shown):
             hit = (cdist(places, shown).min(axis=1) < 0.01).astype(np.float64)
         if missing.any():
             cases.append((pool[a], missing, np.stack([hit, answers.seen[b][pool[a]]], axis=1)))
