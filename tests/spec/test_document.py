@@ -7,11 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pyarrow as pa
 import pytest
 from jsonschema import Draft202012Validator
 
-from pliant.spec.conventions import CONVENTIONS, VISIBILITY_STATES
+from pliant.spec.conventions import CONVENTIONS
 from pliant.spec.io.jsonfiles import load_schema, parse_json, schema_errors
 from pliant.spec.tables import TABLES
 from pliant.spec.validation.issue_codes import ISSUE_CODES
@@ -94,19 +93,9 @@ def test_schema_files_are_all_listed() -> None:
     }
 
 
-@pytest.mark.parametrize("name", sorted(TABLES))
-def test_exported_arrow_schemas_are_the_declared_ones(name: str) -> None:
-    data = (SPEC / "schemas" / "1.0.0" / f"{name}.arrow").read_bytes()
-    schema = pa.ipc.read_schema(pa.py_buffer(data))
-    assert schema.equals(TABLES[name], check_metadata=True)
-    for field in schema:
-        assert field.metadata[b"doc"]
-
-
 def test_schema_and_code_have_the_same_conventions() -> None:
     properties = load_schema("dataset")["properties"]["conventions"]["properties"]
     assert {name: entry["const"] for name, entry in properties.items()} == CONVENTIONS
-    assert properties["visibility_states"]["const"] == list(VISIBILITY_STATES)
 
 
 def test_links_of_the_text_lead_somewhere() -> None:

@@ -15,11 +15,9 @@ from typing import Any
 import pytest
 from _pytest.mark import ParameterSet
 
-from pliant.spec.dataset import Dataset
-from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.io.yamlfiles import read_yaml
 from pliant.spec.validation.validate import Report, validate
-from tests.conformance.edits import change_exr, change_json, change_rows, listed
+from tests.conformance.edits import change_rows, listed
 from tests.conformance.steps import perform
 
 MUTATIONS: list[dict[str, Any]] = read_yaml(Path(__file__).with_name("mutations.yaml"))
@@ -94,56 +92,3 @@ def test_pictures_of_another_sequence(copy: Path) -> None:
             other = f"../{second.name}/rgb/{path.name}"
             perform(first, [{"swap": f"rgb/{path.name}", "other": other}])
     assert "COLOUR_DOUBTFUL" in mutate(copy, []).counts
-
-
-def test_independent_frames_called_an_episode(copy: Path) -> None:
-    for path in copy.glob("sequences/*/*/sequence.json"):
-        change_json(str(path.relative_to(copy)), lambda d: d.update(temporal=True))(copy)
-    change_rows("sequences.parquet", lambda rows: [row | {"temporal": True} for row in rows])(copy)
-    report = validate(copy)
-    assert set(report.counts) == {"TEMPORAL_DOUBTFUL"}
-    doubted = {issue.path.split("/")[1] for issue in report.issues}
-    assert "rope" in doubted
-
-
-@pytest.mark.parametrize("factor", [10.0, 0.1, 1000.0, 0.001])
-def test_metres_per_unit(two: Path, factor: float) -> None:
-    scale = {"tiers.each.objects.0.material.each.metres_per_unit": factor}
-    perform(two, [{"json": "dataset.json", "scale": scale}])
-    assert "SCALE_DISAGREES" in validate(two).counts
-
-
-@pytest.mark.parametrize(
-    ("what", "split"),
-    [
-        ("files", "train"),
-        ("tables", "test"),
-        ("pictures", "test"),
-        pytest.param("files", "test", marks=pytest.mark.long),
-        pytest.param("tables", "train", marks=pytest.mark.long),
-        pytest.param("pictures", "train", marks=pytest.mark.long),
-    ],
-)
-def test_content_that_is_there_twice(copy: Path, what: str, split: str) -> None:
-    """A sequence appears again in another split, written by other encoders."""
-    sequences = Dataset.open(copy).sequences
-    source = next(s for s in sequences if s.tier == "rope" and s.split == "train")
-    others = [s for s in sequences if s.tier == "rope" and s.split == split and s.id != source.id]
-    target = others[0]
-    for path in source.dir.rglob("*"):
-        name = path.relative_to(source.dir)
-        wanted = {
-            "files": path.suffix != ".json" or path.name == "cameras.json",
-            "tables": path.suffix == ".parquet" or path.name == "cameras.json",
-            "pictures": path.suffix == ".png",
-        }[what]
-        if path.is_file() and wanted:
-            shutil.copyfile(path, target.dir / name)
-    for frame in range(source.frames):
-        image = target.dir / f"rgb/{frame:06d}.png"
-        write_rgb(image, read_rgb(image), level=9)
-        change_exr(f"{target.dir.relative_to(copy)}/depth/{frame:06d}.exr", lambda c: None,
-                   "NO_COMPRESSION")(copy)  # fmt: skip
-    listed()(copy)
-    code = "SPLIT_SHARED" if split == "test" else "FRAME_REPEATED"
-    assert code in validate(copy).counts

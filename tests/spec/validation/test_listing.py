@@ -97,6 +97,7 @@ def test_the_footer_names_this_dataset(tmp_path: Path) -> None:
     write_dataset(tmp_path, "d", [row("a")], [TIERS["rope"]], (64, 48))
     for name, version, wrong in (("d", "1.0.0", 0), ("e", "1.0.0", 1), ("d", "1.0.1", 1)):
         findings = Findings()
-        check_listing(context(tmp_path, identity={"id": name, "version": version}), {"rope": {"a"}}, findings)
+        facts = context(tmp_path, identity={"id": name, "version": version})
+        check_listing(facts, {"rope": {"a"}}, findings)
         expected = [("IDENTITY_DIFFERS", "sequences.parquet", "footer dataset")] * wrong
         assert found(findings) == expected

@@ -12,7 +12,7 @@ from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.colour import MIN_BLOCKS, is_blank, probability
 from pliant.spec.validation.rules.tiers import check_tiers
-from tests.conformance.base import DIHEDRAL, TIERS
+from tests.conformance.base import DIHEDRAL
 from tests.dataset_files import coordinate, tier
 
 OPEN, CLOSED = coordinate("a", 0, 1, 2), coordinate("b", -2, 2, 0.5, 4)
@@ -69,15 +69,10 @@ def test_symmetries_of_a_tube(maps: tuple[Any, ...]) -> None:
 @pytest.mark.parametrize(
     "maps",
     [
-        (([[1, 0], [0, 1]], [0, 0]),),  # the identity
         (([[1, 0], [0, 1]], [0, 4]),),  # the identity, once round
         (([[1, 0], [0, 1]], [0, 1]),),  # a quarter turn alone is no group
-        (REVERSE, REVERSE),
-        (REVERSE, MIRROR),  # their product is missing
         (([[-1, 0], [0, -1]], [0, 0]),),  # leaves the range of s
         (([[-2, 0], [0, 1]], [1, 0]),),
-        (([[1, 0], [0, 2]], [0, 0]),),  # twice round: two points go to one
-        (([[1, 0], [0, 0]], [0, 0]),),
         (([[1, 0.5], [0, 1]], [0, 0]),),  # s would jump at the seam of theta
         (([[0, 1], [1, 0]], [0, 0]),),
     ],
@@ -99,9 +94,6 @@ def test_the_square_has_eight_symmetries() -> None:
     maps = [(matrix, offset) for _, matrix, offset in DIHEDRAL]
     assert symmetry_issues([OPEN, OPEN], *maps) == 0
     assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
-    findings = Findings()
-    check_tiers([*map(Tier.from_document, TIERS.values())], findings.at("dataset.json"))
-    assert findings.total == 0
 
 
 def test_chance_is_that_of_a_t_test_over_blocks() -> None:

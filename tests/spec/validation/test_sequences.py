@@ -89,18 +89,6 @@ def test_what_a_sequence_gives_to_the_rules_above(root: Path) -> None:
     assert set(result.keys.pictures) == set(result.keys.shapes) == {0, 1}
 
 
-def test_a_quick_check_decodes_nothing(root: Path) -> None:
-    result = checked(
-        root,
-        lambda r: [path.write_bytes(b"x") for path in (r / FOLDER).glob("*/*")],
-        change_rows(TABLE, lambda rows: rows[3].update(u_px=9.0, depth_m=np.nan)),
-        quick=True,
-    )
-    assert found(result) == []
-    assert result.tables_sound
-    assert np.isnan(result.boxes_px).all()
-
-
 INFO = "sequence.json"
 
 

@@ -119,18 +119,6 @@ def test_command_json_is_one_document(copy_of: Copy) -> None:
     assert document["issues"][0]["path"] == "junk"
 
 
-def test_frames_far_apart_in_the_file_are_still_compared(copy_of: Copy) -> None:
-    """Rows in the wrong order hide nothing: a moved point is found all the same."""
-    root = copy_of("full")
-
-    def change(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        rows[10]["v_px"] += 2
-        return sorted(rows, key=lambda row: (row["point"], row["frame"]))
-
-    listed(change_rows(f"{ROPE_TRAIN}/correspondences.parquet", change))(root)
-    assert validate(root).counts == {"ROW_ORDER": 1, "REPROJECTION_DISAGREES": 1}
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="measures this process's own peak")
 def test_hostile_claims_cost_no_memory(copy_of: Copy) -> None:
     """Bombs in every kind of file, checked in one process that may use 1 GiB."""

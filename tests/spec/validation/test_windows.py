@@ -103,6 +103,8 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (image(), OTHER | {"depth": 0.5}, True),
         (with_rope_at(46, 25, of=image()), OTHER | {"depth": 0.5}, False),
         (with_rope_at(47, 25, of=image()), OTHER | {"depth": 0.5}, True),
+        (with_rope_at(13, 25, of=image()), OTHER | {"depth": 0.5}, True),
+        (with_rope_at(30, 8, of=image()), OTHER | {"depth": 0.5}, True),
         (with_rope_at(30, 41, of=image()), SELF | FAR_ROPE | {"depth": 0.5}, False),
         (with_rope_at(30, 42, of=image()), SELF | FAR_ROPE | {"depth": 0.5}, True),
         # In front of the background: what hides it is nearby.
