@@ -53,9 +53,6 @@ class SettingsError(CallError):
         self.problems = tuple(problems)
         self.args = ("\n".join(map(str, problems)),)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return SettingsError, (self.problems,)
-
 
 class Settings(pydantic.BaseModel):
     """Base of every class of settings: frozen, without conversions, and without unknown keys.
