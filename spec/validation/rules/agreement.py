@@ -83,20 +83,14 @@ def _median_over(values: FloatArray, limit: float) -> bool:
 
 def _check_shift(parts: list[Measured], measured: Measured, problems: FileProblems) -> bool:
     """Check where the points are; return True if that explains all that follows."""
-    frames = []
-    for part in parts:
-        if len(part) >= MIN_POINTS:
-            shift = np.median(part.offset_px, axis=0)
-            if np.abs(shift).max() > SHIFT_PX + _doubt(part.offset_px):
-                frames.append(int(part.frame[0]))
-    shift = np.median(measured.offset_px, axis=0)
-    if np.abs(shift).max() > SHIFT_PX + _doubt(measured.offset_px):
-        problems.diagnose("OFFSET_DISAGREES", _shift_text(-shift))
+    if _is_shifted(measured):
+        problems.diagnose("OFFSET_DISAGREES", _shift_text(measured))
         return True
-    if frames:
-        part = next(p for p in parts if p.frame[0] == frames[0])
-        text = _shift_text(-np.median(part.offset_px, axis=0))
-        problems.add("OFFSET_DISAGREES", f"frames {_few(frames)}", text)
+    shifted = [part for part in parts if len(part) >= MIN_POINTS and _is_shifted(part)]
+    if shifted:
+        frames = _few([int(part.frame[0]) for part in shifted])
+        problems.add("OFFSET_DISAGREES", f"frames {frames}", _shift_text(shifted[0]))
+    shift = np.median(measured.offset_px, axis=0)
     distance = np.abs(measured.offset_px - shift).max(axis=1)
     scatter = float(np.median(distance))
     if scatter > SCATTER_PX + float(np.median(measured.error_px)):
@@ -109,11 +103,16 @@ def _check_shift(parts: list[Measured], measured: Measured, problems: FileProble
             "length that differs from the images', or a material layer of few bits?",
         )
         return True
-    return bool(frames)
+    return bool(shifted)
 
 
-def _shift_text(shift: FloatArray) -> str:
-    u, v = (round(float(value), 1) + 0.0 for value in shift)
+def _is_shifted(part: Measured) -> bool:
+    shift = np.abs(np.median(part.offset_px, axis=0)).max()
+    return bool(shift > SHIFT_PX + _doubt(part.offset_px))
+
+
+def _shift_text(part: Measured) -> str:
+    u, v = (round(float(value), 1) + 0.0 for value in -np.median(part.offset_px, axis=0))
     cause = "the images are shifted, or of another camera?"
     if {abs(u), abs(v)} <= {0.0, 0.5}:
         cause = "pixel centres at whole numbers in one of them (OpenCV convention)?"

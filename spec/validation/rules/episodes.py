@@ -50,11 +50,9 @@ def unordered(rows: list[FrameRows]) -> str | None:
     mixed = len(rows) >= MIN_FRAMES and step > SMALL_STEP and ratio > UNORDERED
     if step <= LARGE_STEP and not mixed:
         return None
+    others = f", {ratio:.2f} of the distance between other frames" if mixed else ""
     return (
-        f"from one frame to the next the points move by {step:.2f} of the object's radius, "
-        f"{ratio:.2f} of the distance between other frames: independent configurations?"
-        if mixed
-        else f"from one frame to the next the points move by {step:.2f} of the object's radius: "
+        f"from one frame to the next the points move by {step:.2f} of the object's radius{others}: "
         "independent configurations?"
     )
 
