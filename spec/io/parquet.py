@@ -192,14 +192,10 @@ def read_table(path: AnyFile, name: str, columns: Sequence[str] | None = None) -
         FileRefusedError: Missing, damaged, too large; a column missing, of another type or with
             a null it must not hold.
     """
-    file = open_table(path)
-    return load_columns(file, path, select_schema(name, columns))
-
-
-def select_schema(name: str, columns: Sequence[str] | None = None) -> pa.Schema:
-    """Return the declared schema of some columns of a table (all of them for None)."""
     schema = TABLES[name]
-    return schema if columns is None else pa.schema([schema.field(c) for c in columns])
+    if columns is not None:
+        schema = pa.schema([schema.field(column) for column in columns])
+    return load_columns(open_table(path), path, schema)
 
 
 def read_footer(path: AnyFile) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.conventions import VISIBILITY_STATES
-from pliant.spec.io.parquet import open_table, select_schema
-from pliant.spec.io.parquet_columns import codes, load_columns
+from pliant.spec.io.parquet import read_table
+from pliant.spec.io.parquet_columns import codes
 from pliant.spec.storage import layout
 from pliant.spec.tables import TRUTH
 from pliant.spec.validation.findings import FileProblems
@@ -44,17 +44,14 @@ def read_tracks(context: Context, known: SequenceResult) -> Tracks | None:
     if not known.tables_sound:
         return None
     folder = layout.sequence_name(known.tier, known.id)
-    path = context.files.get(f"{folder}/{layout.POINTS_TABLE}")
-    points = load_columns(open_table(path), path, select_schema("points"))
+    points = read_table(context.files.get(f"{folder}/{layout.POINTS_TABLE}"), "points")
     count = points.num_rows
     partners = points.column("partners").combine_chunks()
     queried = context.tiers[known.tier].queried_object
     surface = codes(points.column("kind"), ("surface",)) == 0
     askable = surface & (numbers(points, "object") == queried)
     path = context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
-    file = open_table(path)
-    schema = select_schema("correspondences", ["u_px", "v_px", "visibility"])
-    table = load_columns(file, path, schema)
+    table = read_table(path, "correspondences", ["u_px", "v_px", "visibility"])
     uv = np.stack([numbers(table, "u_px"), numbers(table, "v_px")], axis=1)
     state = codes(table.column("visibility"), VISIBILITY_STATES).astype(np.int8)
     return Tracks(
