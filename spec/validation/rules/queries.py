@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +17,7 @@ from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.answers import (
+    Tracks,
     answer_columns,
     compare_answers,
     has_few_alternatives,
@@ -85,23 +87,20 @@ def check_split_queries(
     return findings
 
 
+@dataclass(frozen=True)
 class _SplitCheck:
     """One pass over the queries of a split and, next to them, their truth."""
 
-    def __init__(
-        self,
-        context: Context,
-        split: str,
-        sequences: Mapping[str, SequenceResult],
-        of_queries: FileProblems,
-        of_truth: FileProblems,
-    ) -> None:
-        self.context = context
-        self.split = split
-        self.sequences = sequences
-        self.of_queries, self.of_truth = of_queries, of_truth
-        self._tracks_of = lru_cache(_TABLES_IN_MEMORY)(
-            lambda name: read_tracks(context, sequences[name])
+    context: Context
+    split: str
+    sequences: Mapping[str, SequenceResult]
+    of_queries: FileProblems
+    of_truth: FileProblems
+
+    @cached_property
+    def _tracks_of(self) -> Callable[[str], Tracks | None]:
+        return lru_cache(_TABLES_IN_MEMORY)(
+            lambda name: read_tracks(self.context, self.sequences[name])
         )
 
     def run(self, queries: pa.Table, truth: pa.Table | None) -> None:
