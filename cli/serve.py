@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -38,10 +39,8 @@ def command(
     port: int,
     no_browser: bool,
     host: str,
-    workers: int,
     database: str | None,
-    base_url: str,
-    trusted_proxy: str,
+    **given: Any,
 ) -> None:
     """Serve a CHALLENGE (web, API and workers), or a static SITE to this machine.
 
@@ -51,19 +50,11 @@ def command(
     """
     if (place / "challenge.yaml").is_file():
         require_service()
-        from pliant.service.server import ServeOptions, serve
+        from pliant.service.server import serve
 
         port = port or 8000
-        options = ServeOptions(
-            host=host,
-            port=port,
-            workers=workers,
-            database_url=database,
-            base_url=base_url,
-            trusted_proxy=trusted_proxy,
-        )
         echo(f"Serving {place} on http://{host}:{port}; Ctrl-C stops it.")
-        serve(place, options)
+        serve(place, host=host, port=port, database_url=database, **given)
         return
     from pliant.viewer.local_app import site_server
 

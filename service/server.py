@@ -7,7 +7,6 @@ import multiprocessing
 import signal
 import sys
 import threading
-from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
@@ -27,43 +26,23 @@ _CHECK_S: Final = 1.0
 _STOP_S: Final = 5
 
 
-@dataclass(frozen=True)
-class ServeOptions:
-    """How a challenge is served.
-
-    Attributes:
-        host: Address to listen on.
-        port: Port; 0 takes any that is free.
-        workers: Number of worker processes; 0 serves pages only.
-        database_url: The database, or None for the SQLite file.
-        base_url: Address that others reach it by, or empty.
-        trusted_proxy: Addresses of reverse proxies whose `X-Forwarded-…` headers count, or empty.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 8000
-    workers: int = 2
-    database_url: str | None = None
-    base_url: str = ""
-    trusted_proxy: str = ""
-
-
 class Workers:
     """Worker processes, started again when one ends by itself.
 
     Args:
         root: The challenge's folder.
-        options: How it is served.
+        database_url: The database, or None for the SQLite file.
+        count: Number of processes.
     """
 
-    def __init__(self, root: Path, options: ServeOptions) -> None:
-        self._root, self._options = root, options
+    def __init__(self, root: Path, database_url: str | None, count: int) -> None:
+        self._work, self._count = (root, database_url), count
         self._ended = threading.Event()
         self._processes: list[BaseProcess] = []
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
     def __enter__(self) -> Workers:
-        self._processes = [self._start() for _ in range(self._options.workers)]
+        self._processes = [self._start() for _ in range(self._count)]
         self._thread.start()
         return self
 
@@ -77,7 +56,7 @@ class Workers:
 
     def _start(self) -> BaseProcess:
         process = multiprocessing.get_context("spawn").Process(
-            target=work, args=(self._root, self._options.database_url), daemon=False
+            target=work, args=self._work, daemon=False
         )
         process.start()
         return process
@@ -99,28 +78,46 @@ def work(root: Path, database_url: str | None) -> None:
     run_worker(challenge, multiprocessing.parent_process())
 
 
-def serve(root: Path, options: ServeOptions) -> None:
+def serve(
+    root: Path,
+    *,
+    host: str,
+    port: int,
+    workers: int,
+    database_url: str | None,
+    base_url: str,
+    trusted_proxy: str,
+) -> None:
     """Serve a challenge until SIGTERM or Ctrl-C; running jobs are finished.
+
+    Args:
+        root: Its folder.
+        host: Address to listen on.
+        port: Port; 0 takes any that is free.
+        workers: Number of worker processes; 0 serves pages only.
+        database_url: The database, or None for the SQLite file.
+        base_url: Address that others reach it by, or empty.
+        trusted_proxy: Addresses of reverse proxies whose `X-Forwarded-…` headers count, or empty.
 
     Raises:
         CallError: It is not a challenge, or the port is taken.
     """
-    challenge = Challenge.open(root, options.database_url)
+    challenge = Challenge.open(root, database_url)
     configure_logging()
     config = uvicorn.Config(
-        make_app(challenge, options.base_url),
-        host=options.host,
-        port=options.port,
+        make_app(challenge, base_url),
+        host=host,
+        port=port,
         log_config=None,
         access_log=False,
         server_header=False,
-        proxy_headers=bool(options.trusted_proxy),
-        forwarded_allow_ips=options.trusted_proxy or None,
+        proxy_headers=bool(trusted_proxy),
+        forwarded_allow_ips=trusted_proxy or None,
         timeout_graceful_shutdown=_STOP_S,
     )
     # uvicorn repeats the signal that stopped it: the workers are stopped first.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with Workers(root, options):
+    with Workers(root, database_url, workers):
         server = uvicorn.Server(config)
         try:
             server.run()
@@ -129,6 +126,6 @@ def serve(root: Path, options: ServeOptions) -> None:
                 return
             raise CallError(
                 "the server cannot start",
-                where=f"{options.host}:{options.port}",
+                where=f"{host}:{port}",
                 fix="Choose another port with --port.",
             ) from error

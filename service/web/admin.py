@@ -17,9 +17,9 @@ from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Toke
 from pliant.service.submissions import withdraw
 from pliant.service.teams import invite, new_token, revoke_token
 from pliant.service.versions import add_version, protocol_text, rescore, versions_of
-from pliant.service.web.api import MaybeNumber, TheSite, phase_of
+from pliant.service.web.api import MaybeNumber, phase_of
 from pliant.service.web.pages import page
-from pliant.service.web.security import Host, HostForm
+from pliant.service.web.security import Host, HostForm, TheSite
 from pliant.service.web.state import Site
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError

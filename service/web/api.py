@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import FileResponse, PlainTextResponse
@@ -20,7 +20,7 @@ from pliant.service.models import Score, Submission, Version
 from pliant.service.settings import Phase
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity
-from pliant.service.web.security import Member, Visitor, by_token
+from pliant.service.web.security import Member, TheSite, Visitor, by_token
 from pliant.service.web.state import Site, default_phase, default_version
 from pliant.service.web.uploads import receive_file
 from pliant.service.web.views import (
@@ -30,7 +30,6 @@ from pliant.service.web.views import (
     board_view,
     csv_text,
     find_submission,
-    own_submission,
     submission_view,
 )
 from pliant.spec.errors import CallError
@@ -89,15 +88,6 @@ _ERRORS: Final[dict[int | str, dict[str, Any]]] = {
 router = APIRouter(prefix="/api/v1", responses=_ERRORS)
 
 
-def site_of(request: Request) -> Site:
-    """Return what all requests share."""
-    site: Site = request.app.state.site
-    return site
-
-
-TheSite = Annotated[Site, Depends(site_of)]
-
-
 def phase_of(site: Site, name: str | None) -> Phase:
     """Return a phase by its name, or the one that is open."""
     settings = site.challenge.settings
@@ -120,11 +110,33 @@ def version_of(session: Session, site: Site, phase: str | None, number: int | No
     return found
 
 
-def cached_board(session: Session, site: Site, version: Version, show: str) -> Board:
-    """Return a leaderboard, computed once until something happens."""
-    key = ("board", version.id, show)
-    board: Board = site.cached(session, key, lambda: leaderboard(session, version, show))
-    return board
+class AskedBoard(NamedTuple):
+    """The leaderboard that a request asks for."""
+
+    board: Board
+    version: Version
+    show: str
+
+
+def asked_board(
+    site: TheSite,
+    phase: str | None = None,
+    version: MaybeNumber = None,
+    show: Show | None = None,
+) -> AskedBoard:
+    """Return a leaderboard, computed once until something happens.
+
+    Without `show` it is as the phase's rules say.
+    """
+    with site.database.read() as session:
+        found = version_of(session, site, phase, version)
+        shown = show or site.challenge.settings.phase(found.phase).show
+        key = ("board", found.id, shown)
+        board = site.cached(session, key, lambda: leaderboard(session, found, shown))
+        return AskedBoard(board, found, shown)
+
+
+TheBoard = Annotated[AskedBoard, Depends(asked_board)]
 
 
 @router.get("/challenge")
@@ -147,32 +159,15 @@ def get_challenge(site: TheSite, who: Visitor) -> ChallengeView:
 
 
 @router.get("/leaderboard")
-def get_leaderboard(
-    site: TheSite,
-    phase: str | None = None,
-    version: MaybeNumber = None,
-    show: Show | None = None,
-) -> BoardView:
+def get_leaderboard(asked: TheBoard) -> BoardView:
     """Return the leaderboard of a phase; without `show` as the phase's rules say."""
-    with site.database.read() as session:
-        found = version_of(session, site, phase, version)
-        show = show or site.challenge.settings.phase(found.phase).show
-        return board_view(cached_board(session, site, found, show), found, show)
+    return board_view(*asked)
 
 
 @router.get("/leaderboard.csv", response_class=PlainTextResponse)
-def get_leaderboard_csv(
-    site: TheSite,
-    phase: str | None = None,
-    version: MaybeNumber = None,
-    show: Show | None = None,
-) -> PlainTextResponse:
+def get_leaderboard_csv(asked: TheBoard) -> PlainTextResponse:
     """Return the leaderboard of a phase as CSV."""
-    with site.database.read() as session:
-        found = version_of(session, site, phase, version)
-        show = show or site.challenge.settings.phase(found.phase).show
-        text = board_csv(cached_board(session, site, found, show), found)
-    return PlainTextResponse(text, media_type="text/csv")
+    return PlainTextResponse(board_csv(asked.board, asked.version), media_type="text/csv")
 
 
 @router.post(
@@ -253,7 +248,7 @@ def get_submission(site: TheSite, who: Visitor, number: Number) -> SubmissionVie
 def get_file(site: TheSite, who: Member, number: Number) -> FileResponse:
     """Return the file of one's own submission."""
     with site.database.read() as session:
-        sha256 = own_submission(session, number, who).file_sha256
+        sha256 = find_submission(session, number, who, public=False).file_sha256
     path, name = site.challenge.store.path(sha256), f"submission-{number}.parquet"
     return FileResponse(path, media_type=_BINARY, filename=name)
 

@@ -8,22 +8,19 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
-from sqlalchemy.orm import Session
 from starlette.datastructures import UploadFile
 
 from pliant.service.audit import log_time
 from pliant.service.leaderboard import history
 from pliant.service.ledger import attempts
-from pliant.service.models import Team, Version
+from pliant.service.models import Team
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity, begin_session, end_session
 from pliant.service.versions import versions_of
 from pliant.service.web.api import (
     MaybeNumber,
     Number,
-    Show,
-    TheSite,
-    cached_board,
+    TheBoard,
     own_views,
     phase_of,
     version_of,
@@ -31,6 +28,7 @@ from pliant.service.web.api import (
 from pliant.service.web.security import (
     COOKIE,
     Member,
+    TheSite,
     Visitor,
     check_form,
     check_origin,
@@ -51,31 +49,13 @@ def page(site: Site, template: str, who: Identity | None, **values: Any) -> HTML
 
 
 @router.get("/")
-def board(
-    site: TheSite,
-    who: Visitor,
-    phase: str | None = None,
-    version: MaybeNumber = None,
-    show: Show | None = None,
-) -> HTMLResponse:
+def board(site: TheSite, who: Visitor, asked: TheBoard) -> HTMLResponse:
     """Show the leaderboard."""
+    phase = site.challenge.settings.phase(asked.version.phase)
     with site.database.read() as session:
-        found = version_of(session, site, phase, version)
-        rules = site.challenge.settings.phase(found.phase)
-        values = board_values(session, site, found, show or rules.show)
-        return page(site, "board.html.j2", who, **values)
-
-
-def board_values(session: Session, site: Site, version: Version, show: str) -> dict[str, Any]:
-    """Return what the template of the leaderboard shows."""
-    return {
-        "board": cached_board(session, site, version, show),
-        "version": version,
-        "versions": versions_of(session, version.phase),
-        "phase": site.challenge.settings.phase(version.phase),
-        "time_ms": log_time(session),
-        "show": show,
-    }
+        versions, time_ms = versions_of(session, phase.name), log_time(session)
+    values = {**asked._asdict(), "phase": phase, "versions": versions, "time_ms": time_ms}
+    return page(site, "board.html.j2", who, **values)
 
 
 @router.get("/teams/{number}")

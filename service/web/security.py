@@ -20,9 +20,13 @@ SMALL_BODY: Final = 64 * 1024
 _BEARER: Final = HTTPBearer(auto_error=False, description="The team's token.")
 
 
-def client_of(request: Request) -> str:
-    """Return the address of who makes a request."""
-    return request.client.host if request.client else "unknown"
+def site_of(request: Request) -> Site:
+    """Return what all requests share."""
+    site: Site = request.app.state.site
+    return site
+
+
+TheSite = Annotated[Site, Depends(site_of)]
 
 
 def token_identity(request: Request, token: str) -> Identity:
@@ -31,8 +35,8 @@ def token_identity(request: Request, token: str) -> Identity:
     Raises:
         NotAcceptedError: Nobody's, or too many wrong ones from this address.
     """
-    site: Site = request.app.state.site
-    client = client_of(request)
+    site = site_of(request)
+    client = request.client.host if request.client else "unknown"
     site.throttle.check(client)
     with site.database.read() as session:
         who = identify(session, token)
@@ -54,8 +58,7 @@ def maybe_who(
     cookie = request.cookies.get(COOKIE)
     if not cookie:
         return None
-    site: Site = request.app.state.site
-    with site.database.read() as session:
+    with site_of(request).database.read() as session:
         return identify_session(session, cookie)
 
 

@@ -77,26 +77,20 @@ def is_own(submission: Submission, who: Identity | None) -> bool:
     return who is not None and (who.is_host or who.team_id == submission.team_id)
 
 
-def find_submission(session: Session, number: int, who: Identity | None) -> Submission:
-    """Return a submission.
+def find_submission(
+    session: Session, number: int, who: Identity | None, *, public: bool = True
+) -> Submission:
+    """Return a submission of one's own team, or where `public` one that everybody may see.
 
     Raises:
-        NotAcceptedError: There is none, or it is another team's and not public.
+        NotAcceptedError: There is none, or it is another team's.
     """
     found = session.get(Submission, number)
     if found is not None:
-        public = found.state == State.SCORED and found.withdrawn_ms is None
-        if public or is_own(found, who):
+        shown = public and found.state == State.SCORED and found.withdrawn_ms is None
+        if shown or is_own(found, who):
             return found
     raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
-
-
-def own_submission(session: Session, number: int, who: Identity) -> Submission:
-    """Return a submission of one's own team; the host has every team's."""
-    found = find_submission(session, number, who)
-    if not is_own(found, who):
-        raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
-    return found
 
 
 def submission_view(
