@@ -30,7 +30,7 @@ def citation(
         url: Where it is hosted, or None.
         date: Day of its release, YYYY-MM-DD, or None.
     """
-    document: dict[str, Any] = {
+    document = {
         "cff-version": "1.2.0",
         "message": "If you use this dataset, please cite it as below.",
         "type": "dataset",
@@ -38,14 +38,12 @@ def citation(
         "version": info["version"],
         "abstract": info["description"],
         "authors": [{"name": author} for author in authors],
+        "license": info["licence"] if licence_url(info["licence"]) else None,
+        "url": url,
+        "date-released": date,
     }
-    if licence_url(info["licence"]) is not None:
-        document["license"] = info["licence"]
-    if url is not None:
-        document["url"] = url
-    if date is not None:
-        document["date-released"] = date
-    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
+    given = {name: value for name, value in document.items() if value is not None}
+    return yaml.safe_dump(given, sort_keys=False, allow_unicode=True, width=100)
 
 
 def zenodo(

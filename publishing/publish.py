@@ -9,6 +9,7 @@ import os
 import stat
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.staging import is_left_alone, refuse_existing, staged, staged_both
 from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
-from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
+from pliant.spec.storage.manifest import write_checksums, write_manifest
 from pliant.spec.validation.rules.structure import WORKSHOPS
 from pliant.spec.validation.validate import validate
 
@@ -235,18 +236,13 @@ def _tie(
     """Write checksums and manifests; return the sha256 of the lists of both halves."""
     own = write_checksums(public)
     other = None if private is None else write_checksums(private)
-    tools = {name: version(name) for name in ("pliant", "pyarrow", "pillow")}
-    halves: list[tuple[Path, Half, str, str | None]] = [(public, "public", own, other)]
+    write = partial(
+        write_manifest,
+        dataset={"id": dataset.id, "version": dataset.version},
+        held_out=[split for split in SPLITS if split in settings.hold_out],
+        tools={name: version(name) for name in ("pliant", "pyarrow", "pillow")},
+    )
+    write(public, "public", checksums_sha256=own, other_sha256=other)
     if private is not None and other is not None:
-        halves.append((private, "private", other, own))
-    for root, half, mine, its in halves:
-        write_manifest(
-            root,
-            half,
-            dataset={"id": dataset.id, "version": dataset.version},
-            held_out=[split for split in SPLITS if split in settings.hold_out],
-            checksums_sha256=mine,
-            other_sha256=its,
-            tools=tools,
-        )
+        write(private, "private", checksums_sha256=other, other_sha256=own)
     return own, other
