@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from pliant.cli.local_page import show_page
+from pliant.cli.match import open_photo_method
 from pliant.cli.options import PATH, port_options
 from pliant.cli.terminal import echo, to_call
 from pliant.spec.text import plural
@@ -29,8 +30,6 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     the same command continues. Suggested marks count once they are confirmed or moved.
     `pliant import DIR --out DATA` makes a dataset of the result.
     """
-    from pliant.baselines.matcher import Matcher, SplitMatcher
-    from pliant.spec.errors import CallError
     from pliant.viewer.annotate_app import annotate_application
     from pliant.viewer.annotation import Annotation, Suggester
     from pliant.viewer.local_app import LocalServer
@@ -39,15 +38,7 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     annotation = Annotation(folder, names, earlier_marks(folder))
     suggester = None
     if method is not None:
-        from pliant.api import open_method
-
-        opened: Any = open_method(method)
-        if isinstance(opened, SplitMatcher):
-            raise CallError(
-                f"the method {method!r} answers the queries of a dataset, not photographs"
-            )
-        matcher: Matcher = opened
-        suggester = Suggester(annotation, lambda: matcher)
+        suggester = Suggester(annotation, open_photo_method(method))
     application = partial(annotate_application, annotation, suggester)
     subject = plural(len(annotation.pictures), "picture")
     show_page(LocalServer(application, port), subject, no_browser=no_browser)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.command("info")
 @click.argument("folder", metavar="DIR", type=PATH)
 @json_option
-def command(folder: Path, as_json: bool) -> int:
+def command(folder: Path, as_json: bool) -> None:
     """Show a summary of the dataset DIR: tiers, splits, sequences, queries, provenance.
 
     It reads the top-level tables only; `pliant validate` reads everything.
@@ -31,7 +31,6 @@ def command(folder: Path, as_json: bool) -> int:
         echo_json(document)
     else:
         _print(document)
-    return 0
 
 
 def describe(dataset: Dataset) -> dict[str, Any]:

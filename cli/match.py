@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from pliant.cli.options import json_option, method_options, out_option, path_option
 from pliant.cli.terminal import echo_result, progress_bar
+
+if TYPE_CHECKING:
+    from pliant.baselines.matcher import Matcher
 
 
 def _positions(
@@ -85,8 +88,6 @@ def command(
     background of one colour gives one; otherwise the whole target is searched. A rope's ball is
     separated from a mask that contains it. The heat map is drawn for a single point.
     """
-    from pliant.api import open_method
-    from pliant.baselines.matcher import SplitMatcher
     from pliant.spec.errors import CallError
     from pliant.viewer.match_figure import check_figure_path, draw_match
     from pliant.viewer.photo_match import grid_points, match_photo
@@ -98,9 +99,7 @@ def command(
         raise CallError("name the points by --at U,V or by --grid N", found=found)
     check_figure_path(out)
     _check_kept(out, source, target, *(given[name] for name in _MORE_PICTURES))
-    matcher = open_method(method, **given["options"])
-    if isinstance(matcher, SplitMatcher):
-        raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
+    matcher = open_photo_method(method, **given["options"])
     title = f"Matching with {matcher.name}"
     with progress_bar(title, "steps") as bar:
         bar(0, 3, title="Reading the pictures")
@@ -128,6 +127,22 @@ def command(
     }
     text = "\n".join(_lines(document))
     echo_result(document, text, as_json=as_json)
+
+
+def open_photo_method(method: str, **options: Any) -> Matcher:
+    """Open a method by its name, and refuse one that answers whole splits alone.
+
+    Raises:
+        CallError: It does, or `open_method` does not take the name or the options.
+    """
+    from pliant.api import open_method
+    from pliant.baselines.matcher import SplitMatcher
+    from pliant.spec.errors import CallError
+
+    matcher = open_method(method, **options)
+    if isinstance(matcher, SplitMatcher):
+        raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
+    return matcher
 
 
 def _check_kept(out: Path, *pictures: Path | None) -> None:

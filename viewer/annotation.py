@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -148,12 +148,11 @@ class Suggester:
 
     Args:
         annotation: The pictures.
-        open_matcher: Returns the method; called at the first suggestion.
+        matcher: The method.
     """
 
-    def __init__(self, annotation: Annotation, open_matcher: Callable[[], Matcher]) -> None:
-        self._annotation, self._open = annotation, open_matcher
-        self._matcher: Matcher | None = None
+    def __init__(self, annotation: Annotation, matcher: Matcher) -> None:
+        self._annotation, self._matcher = annotation, matcher
         self._lock = threading.Lock()
 
     def suggest(self, source: int, target: int) -> dict[str, Any]:
@@ -177,7 +176,6 @@ class Suggester:
         at = [(min(m.u_px, width - 0.5), min(m.v_px, height - 0.5)) for m in asked.values()]
         files = [PhotoFiles(self._annotation.pictures[each]) for each in (source, target)]
         with self._lock:
-            self._matcher = self._matcher or self._open()
             a = read_photo_view(files[0], _MAX_SIDE_PX, at)
             b = read_photo_view(files[1], _MAX_SIDE_PX)
             found = match_photo(self._matcher, a.view, b.view, at, sizes=(a.size, b.size))

@@ -92,7 +92,7 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
 def click_points(folder: Path, browser: Browser) -> None:
     """Mark the points of every picture in a browser; the end of the first one is hidden."""
     annotation = Annotation(folder, list(POINTS))
-    application = partial(annotate_application, annotation, Suggester(annotation, Identity))
+    application = partial(annotate_application, annotation, Suggester(annotation, Identity()))
     with served(application) as address:
         browser.size(1300, 900)
         browser.open(address)

@@ -32,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def application(annotation: Annotation, *, suggests: bool = False) -> Any:
-    suggester = Suggester(annotation, Identity) if suggests else None
+    suggester = Suggester(annotation, Identity()) if suggests else None
     return partial(annotate_application, annotation, suggester)
 
 
@@ -124,7 +124,7 @@ def test_suggestions_are_in_pixels_of_the_pictures(folder: Path) -> None:
     annotation = Annotation(folder, ["ball", "end"])
     marks = {"ball": [100, 50, True, "marked"], "end": [90, 40, True, "suggested"]}
     annotation.update({"points": ["ball", "end"], "marks": {"one.jpg": marks}})
-    suggester = Suggester(annotation, Identity)
+    suggester = Suggester(annotation, Identity())
     assert suggester.suggest(0, 2)["marks"] == {"ball": [100.0, 50.0]}  # none from a suggestion
     assert "no visible marks" in suggester.suggest(2, 0)["warnings"][0]
 
