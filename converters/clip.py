@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,7 @@ class Clip:
     visible: npt.NDArray[np.bool_]
     temporal: bool
     pairs: Sequence[tuple[int, int]] | None = None
-    facts: Mapping[str, Any] | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
     read_mask: Callable[[int], Mask] | None = None
     read_depth: Callable[[int], npt.NDArray[np.float32]] | None = None
 

@@ -13,7 +13,7 @@ from pliant.converters.annotations import Annotations
 from pliant.converters.canvas import PictureOptions, clip_of
 from pliant.converters.clip import Clip
 from pliant.converters.knots import KNOTS_JSON, read_knots
-from pliant.converters.marks_csv import read_marks
+from pliant.converters.marks_csv import collect_marks
 from pliant.converters.queries import Scheme
 from pliant.converters.tapvid import read_tapvid
 from pliant.spec.errors import CallError, SpecError
@@ -66,7 +66,7 @@ def read_source(path: Path, options: PictureOptions | None = None) -> Source:
         return Source(read_tapvid(tracks), "cloth", "first", facts)
     name, annotations = _annotations(path)
     clip = clip_of(annotations, options)
-    facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}
+    facts = {"source": path.name, "format": name, "pixels": options.pixels, **clip.facts}
     notes = []
     if annotations.suggested:
         folder = shlex.quote(str(annotations.path.parent))
@@ -88,13 +88,13 @@ def _track_files(path: Path) -> list[Path]:
 def _annotations(path: Path) -> tuple[str, Annotations]:
     """Return the name of the format and what was read."""
     if path.suffix.lower() == ".csv":
-        return "annotations.csv", read_marks(path)
+        return "annotations.csv", collect_marks(path).annotations()
     if path.is_file():
         if path.name == KNOTS_JSON:
             return KNOTS_JSON, read_knots(path.parent)
         return _tool(path, [path])
     if (path / ANNOTATIONS_CSV).is_file():
-        return "annotations.csv", read_marks(path / ANNOTATIONS_CSV)
+        return "annotations.csv", collect_marks(path / ANNOTATIONS_CSV).annotations()
     if (path / KNOTS_JSON).is_file() or (path / "images" / KNOTS_JSON).is_file():
         return KNOTS_JSON, read_knots(path)
     return _tool(path, sorted([*path.glob("*.json"), *path.glob("annotations/*.json")]))

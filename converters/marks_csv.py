@@ -11,16 +11,11 @@ import math
 from pathlib import Path
 from typing import Final
 
-from pliant.converters.annotations import Annotations, Collector, picture_in, read_rows
+from pliant.converters.annotations import Collector, picture_in, read_rows
 from pliant.spec.errors import SpecError
 from pliant.spec.marks import COLUMNS, Mark, mark_source
 
 _VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
-
-
-def read_marks(path: Path) -> Annotations:
-    """Return the marks of a CSV as annotated pictures; see `collect_marks`."""
-    return collect_marks(path).annotations()
 
 
 def collect_marks(path: Path) -> Collector:

@@ -91,7 +91,7 @@ def _partners(clip: Clip, alike: Sequence[Alike]) -> npt.NDArray[np.int64]:
     Raises:
         CallError: A group names a point that is not annotated.
     """
-    names = (clip.facts or {}).get("points", ())
+    names = clip.facts.get("points", ())
     row = {name: index for index, name in enumerate(names)}
     for each in alike:
         if missing := sorted(set(each.renamed) - set(row)):

@@ -198,9 +198,7 @@ def _unknown(clips: Sequence[Clip], same: Sequence[Alike]) -> list[str]:
 
 def _check_names(clips: Sequence[Clip], source: Mapping[str, Any]) -> None:
     """Refuse names of files that the provenance cannot say."""
-    pictures = [
-        picture["name"] for clip in clips for picture in (clip.facts or {}).get("pictures", ())
-    ]
+    pictures = [picture["name"] for clip in clips for picture in clip.facts.get("pictures", ())]
     for name in (str(source.get("source", "")), *(clip.name for clip in clips), *pictures):
         if not name.isprintable():
             raise SpecError(

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.converters.targets.recording import OUT_OF_FRAME, Options, Recording, point_names
+from pliant.converters.targets.recording import OUT_OF_FRAME, Options, Recording
 from pliant.spec.io.png import write_rgb
 from pliant.spec.sequence import SequenceRecord
 
@@ -39,7 +39,8 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
                 "id": len(categories) + 1,
                 "name": sequence.tier,
                 "supercategory": sequence.described.kind,
-                "keypoints": point_names(recording),
+                # By their rows in points.parquet.
+                "keypoints": [f"point_{row}" for row in recording.mesh.rows[recording.chosen]],
                 "skeleton": [],
             },
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,8 +105,3 @@ def colours(recording: Recording) -> npt.NDArray[np.uint8]:
     first, second = shares_of_range(recording).T
     rgb = np.stack([first, second, 1 - first], axis=1)
     return np.clip(np.rint(255 * rgb), 0, 255).astype(np.uint8)
-
-
-def point_names(recording: Recording) -> Sequence[str]:
-    """Return a name per point from its row in `points.parquet`."""
-    return [f"point_{row}" for row in recording.mesh.rows[recording.chosen]]
