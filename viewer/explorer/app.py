@@ -17,6 +17,7 @@ from starlette.types import ASGIApp
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.queries import RecordedPair
+from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.available import missing
 from pliant.viewer.explorer.catalogue import catalogue
 from pliant.viewer.explorer.documents import answer_document, number
@@ -91,6 +92,10 @@ class Explorer:
 
         return endpoint
 
+    def frame(self, request: Request, name: str = "frame") -> RecordedFrame:
+        """Return the frame that a parameter of a request names."""
+        return self.frames.frame(request.query_params.get(name, ""))
+
     def pair(self, request: Request, *, place: bool = False) -> RecordedPair:
         """Return the frames that a request names as `a` and `b`.
 
@@ -98,7 +103,7 @@ class Explorer:
             request: The request.
             place: Whether it also names a pixel of the source, as `u` and `v`.
         """
-        source, target = (self.frames.frame(request.query_params.get(x, "")) for x in "ab")
+        source, target = (self.frame(request, name) for name in "ab")
         if source.sequence.tier != target.sequence.tier:
             raise CallError("the two frames show objects of different tiers", where="a, b")
         pair = RecordedPair(source, target, np.zeros((0, 2), np.float32))
@@ -125,8 +130,7 @@ def _missing(explorer: Explorer, request: Request) -> Response:
 def _layer(explorer: Explorer, request: Request) -> Response:
     layer = request.query_params.get("layer", "")
     if layer in FRAME_LAYERS:
-        frame = explorer.frames.frame(request.query_params.get("frame", ""))
-        found = frame_layer(frame, layer)
+        found = frame_layer(explorer.frame(request), layer)
     elif layer in METHOD_LAYERS:
         pair, of_target = explorer.pair(request), request.query_params.get("of") == "b"
         method = explorer.method(request)
@@ -184,21 +188,21 @@ def _error(explorer: Explorer, request: Request) -> Response:
 
 
 def _scene(explorer: Explorer, request: Request) -> Response:
-    frame = explorer.frames.frame(request.query_params.get("frame", ""))
-    return JSONResponse(scene_document(explorer.frames, frame.sequence))
+    return JSONResponse(scene_document(explorer.frames, explorer.frame(request).sequence))
 
 
 def _pose(explorer: Explorer, request: Request) -> Response:
-    frame = explorer.frames.frame(request.query_params.get("frame", ""))
-    return Response(pose_bytes(explorer.frames, frame), media_type="application/octet-stream")
+    return _binary(pose_bytes(explorer.frames, explorer.frame(request)))
 
 
 def _depth(explorer: Explorer, request: Request) -> Response:
-    frame = explorer.frames.frame(request.query_params.get("frame", ""))
-    found = depth_bytes(explorer.frames, frame)
-    if found is None:
+    return _binary(depth_bytes(explorer.frames, explorer.frame(request)))
+
+
+def _binary(data: bytes | None) -> Response:
+    if data is None:
         return Response(status_code=204)
-    return Response(found, media_type="application/octet-stream")
+    return Response(data, media_type="application/octet-stream")
 
 
 def _place(request: Request) -> Any:

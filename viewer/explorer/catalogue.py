@@ -53,7 +53,6 @@ def catalogue(
 
 
 def _method(method: Method, queries: RecordedQueries) -> dict[str, Any]:
-    live = method if isinstance(method, LiveMethod) else None
     errors: list[float | None] = []
     for split, found in queries.splits.items():
         known = method.errors.get(split)
@@ -61,8 +60,6 @@ def _method(method: Method, queries: RecordedQueries) -> dict[str, Any]:
     return {
         "name": method.name,
         "kind": method.kind,
-        "heat": live is not None and live.has_heat,
-        "descriptors": live is not None and live.has_descriptors,
-        "canonical": live is not None and live.has_canonical,
+        **(method.shows if isinstance(method, LiveMethod) else {}),
         "errors": [None if each is None else round(each, 3) for each in errors],
     }

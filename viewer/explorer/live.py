@@ -117,20 +117,14 @@ class LiveMethod:
             return read.astype(np.float64), self._mask(view, read.shape[0], read.shape[1])
 
     @property
-    def has_heat(self) -> bool:
-        """Whether the method has heat maps."""
-        return isinstance(self.matcher, HeatMatcher)
-
-    @property
-    def has_descriptors(self) -> bool:
-        """Whether the method has a descriptor at every pixel."""
-        return isinstance(self.matcher, DescriptorMatcher)
-
-    @property
-    def has_canonical(self) -> bool:
-        """Whether the method reads material coordinates off single pixels."""
+    def shows(self) -> dict[str, bool]:
+        """Whether there are heat maps, descriptors, and material coordinates of single pixels."""
         network = getattr(self.matcher, "network", None)
-        return getattr(network, "canonical", None) is not None
+        return {
+            "heat": isinstance(self.matcher, HeatMatcher),
+            "descriptors": isinstance(self.matcher, DescriptorMatcher),
+            "canonical": getattr(network, "canonical", None) is not None,
+        }
 
     def _mask(self, view: Frame, height: int, width: int) -> Mask:
         mask = None

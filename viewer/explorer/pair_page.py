@@ -15,9 +15,9 @@ from pliant.spec.queries import QueryPair
 from pliant.viewer.explorer.documents import answer_document
 from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.layers import ERROR_SCALE_PX, frame_layer, png
-from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.recorded import REACH_PX, RecordedQueries
 from pliant.viewer.explorer.submissions import read_submission
-from pliant.viewer.explorer.truth import REACH_PX, TruthFinder
+from pliant.viewer.explorer.truth import TruthFinder
 
 _LAYERS: Final = ("rgb", "index")
 _MODULES: Final = ("api", "state", "pictures", "readout", "pair")

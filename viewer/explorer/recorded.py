@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +11,9 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.queries import QueryPair, RecordedPair
+
+REACH_PX: Final = 12.0
+"""A recorded query counts for a pixel that is at most this far away."""
 
 
 class SplitQueries:
@@ -83,18 +88,17 @@ class RecordedQueries:
         """Return the queries of a split, and the rows of two frames; None if these have none."""
         return self._rows.get((pair.source.key, pair.target.key))
 
-    def nearest(self, pair: RecordedPair, reach_px: float) -> tuple[SplitQueries, int] | None:
+    def nearest(self, pair: RecordedPair) -> tuple[SplitQueries, int] | None:
         """Return the queries of a split, and the row nearest to a pixel; None if none is near.
 
         Args:
             pair: The frames and the pixel.
-            reach_px: How far away the query may be.
         """
         known = self.rows(pair)
         if known is None:
             return None
         queries, rows = known
         gap = np.linalg.norm(queries.uv_a_px[rows] - pair.uv_a_px[0], axis=1)
-        if not len(gap) or gap.min() > reach_px:
+        if not len(gap) or gap.min() > REACH_PX:
             return None
         return queries, int(rows.start + gap.argmin())

@@ -19,7 +19,6 @@ from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
-from pliant.viewer.explorer.truth import REACH_PX
 from pliant.viewer.photo_match import PointMatch
 
 
@@ -48,7 +47,7 @@ class RecordedMethod:
 
     def answer(self, pair: RecordedPair) -> MethodAnswer | None:
         """Return the answer to the nearest query of the pair, or None."""
-        found = self._queries.nearest(pair, REACH_PX)
+        found = self._queries.nearest(pair)
         if found is None or found[0].split != self._split:
             return None
         queries, row = found

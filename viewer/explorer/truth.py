@@ -20,9 +20,6 @@ from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.recorded import RecordedQueries
 
-REACH_PX: Final = 12.0
-"""A recorded query counts for a pixel that is at most this far away."""
-
 _SAME_PX: Final = 2.0
 """Material within so many pixels, seen face on, is the same."""
 
@@ -179,7 +176,7 @@ class TruthFinder:
         return "visible" if same else "self_occluded"
 
     def _recorded(self, pair: RecordedPair) -> Truth | None:
-        found = self._queries.nearest(pair, REACH_PX)
+        found = self._queries.nearest(pair)
         if found is None:
             return None
         queries, row = found
