@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -13,9 +13,8 @@ import pytest
 from pliant.publishing import Published, PublishSettings, publish
 
 # The tiny set has the seed 0.
-SETTINGS = PublishSettings(
-    hold_out=("test",), shard_bytes=300_000, answers_are_public=True, authors=("Ada", "Grace")
-)
+HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
+SETTINGS = replace(HELD_OUT, shard_bytes=300_000, authors=("Ada", "Grace"))
 
 
 @dataclass(frozen=True)

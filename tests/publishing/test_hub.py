@@ -19,35 +19,49 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from tests.publishing.conftest import printed
 
+DATASETS = """
+import json, sys
+from datasets import load_dataset
+root, out = sys.argv[1:]
+tables = {name: load_dataset(root, name) for name in ("frames", "pairs", "correspondences")}
+frame, pair = tables["frames"]["test"][1], tables["pairs"]["val"][3]
+pictures = {"frame": frame.pop("image"), **{side: pair.pop(f"image_{side}") for side in "ab"}}
+for name, picture in pictures.items():
+    picture.convert("RGB").save(f"{out}/{name}.png")
+splits = {name: {split: len(rows) for split, rows in of.items()} for name, of in tables.items()}
+queries = len(load_dataset(root)["test"])
+pose = len(tables["frames"]["train"][0]["world_to_camera"])
+print(json.dumps([splits, frame, pair, queries, pose], default=str))
+"""
+
 
 @pytest.mark.filterwarnings("ignore")
-def test_datasets_opens_pairs_with_both_pictures(halves: Any, tmp_path: Path) -> None:
+def test_hugging_face_datasets_shows_pictures(halves: Any, tmp_path: Path) -> None:
     pytest.importorskip("datasets")
-    script = (
-        "import sys, json\n"
-        "from datasets import load_dataset\n"
-        "pairs = load_dataset(sys.argv[1], 'pairs')\n"
-        "row = pairs['val'][3]\n"
-        "for side in 'ab':\n"
-        "    row.pop(f'image_{side}').convert('RGB').save(f'{sys.argv[2]}/{side}.png')\n"
-        "print(json.dumps([sorted(pairs), len(pairs['val']), row]))\n"
-    )
-    lines = printed(script, halves.public, tmp_path, HF_HOME=str(tmp_path))
-    splits, count, row = json.loads(lines[-1])
-    assert splits == ["val"]  # the test split is held out
+    lines = printed(DATASETS, halves.public, tmp_path, HF_HOME=str(tmp_path / "hf"))
+    splits, frame, row, queries, pose = json.loads(lines[-1])
     whole = Dataset.open(halves.whole)
+    rows = {"train": 0, "val": 0, "test": 0}
+    for sequence in whole.sequences:
+        rows[sequence.split] += sequence.correspondences().num_rows
     pairs = whole.pairs("val")
-    assert count == len(pairs)
-    pair = pairs[3]
+    assert splits == {
+        "frames": {"train": 12, "val": 6, "test": 12},
+        "pairs": {"val": len(pairs)},  # the test split is held out
+        "correspondences": {"train": rows["train"], "val": rows["val"]},
+    }
+    assert (queries, pose) == (288, 16)
+    first, pair = next(s for s in whole.sequences if s.split == "test"), pairs[3]
+    assert (frame["sequence"], frame["depth_exr"]) == (first.id, None)
     assert (row["pair_id"], row["frame_a"], row["frame_b"]) == (
         pair.pair_id, pair.source.key, pair.target.key,
     )  # fmt: skip
-    for side, frame in (("a", pair.source), ("b", pair.target)):
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / f"{side}.png")), frame.rgb)
+    for name, shown in (("frame", first[1]), ("a", pair.source), ("b", pair.target)):
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / f"{name}.png")), shown.rgb)
     np.testing.assert_array_equal(np.stack([row["u_a"], row["v_a"]], 1), pair.queries)
-    rows = whole.queries("val")["pair_id"].to_numpy() == pair.pair_id
+    of_pair = whole.queries("val")["pair_id"].to_numpy() == pair.pair_id
     for name in ("u_b", "v_b", "visibility_b"):
-        assert row[name] == whole.truth("val")[name].filter(rows).to_pylist()
+        assert row[name] == whole.truth("val")[name].filter(of_pair).to_pylist()
 
 
 def test_the_benchmark_names_a_task_per_split_and_tier(halves: Any) -> None:

@@ -27,9 +27,10 @@ from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.secrets import read_secret_seed, write_secret_seed
 from pliant.spec.storage import layout
 from tests.conformance.base import relist
+from tests.folders import files_of
 from tests.generator.runner.standin import InProcess
+from tests.publishing.conftest import HELD_OUT
 
-HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
 CHUNKS = {b"IHDR", b"sRGB", b"IDAT", b"IEND"}
 
 
@@ -54,14 +55,6 @@ def secret(tmp_path_factory: pytest.TempPathFactory) -> Any:
     facts = publish(root / "whole", root / "public", PublishSettings(hold_out=("test",)))
     assert not any("query pixels" in text or "seed" in text for text in facts.warnings)
     return root / "whole", root / "public", root / "public-private"
-
-
-def files_of(root: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(root).as_posix(): path.read_bytes()
-        for path in sorted(root.rglob("*"))
-        if path.is_file()
-    }
 
 
 def contents(root: Path) -> Iterator[tuple[str, bytes]]:
@@ -194,24 +187,6 @@ def test_no_pair_of_columns_holds_an_answer(secret: Any) -> None:
 def _records(u: Any, v: Any) -> Any:
     parts = [np.asarray(c.to_numpy(), np.float32).view(np.uint32).astype(np.uint64) for c in (u, v)]
     return parts[0] << np.uint64(32) | parts[1]
-
-
-def test_the_queries_show_no_answer(secret: Any) -> None:
-    """A frame's own query pixels must not be the answers to another pair's queries."""
-    whole, _, _ = secret
-    dataset = Dataset.open(whole)
-    queries, truth = dataset.queries("test"), dataset.truth("test")
-    names = ("sequence_a", "frame_a", "sequence_b", "frame_b", "u_a", "v_a")
-    columns = {name: queries[name].to_pylist() for name in names}
-    asked = set(zip(*(columns[n] for n in ("sequence_a", "frame_a", "u_a", "v_a")), strict=True))
-    answers = zip(
-        columns["sequence_b"],
-        columns["frame_b"],
-        truth["u_b"].to_pylist(),
-        truth["v_b"].to_pylist(),
-        strict=True,
-    )
-    assert not asked & set(answers)
 
 
 def test_statistics_and_footers_tell_nothing(secret: Any) -> None:
