@@ -22,7 +22,7 @@ from pliant.publishing import PublishSettings, publish
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
 from pliant.service.scoring import Result, Task
-from pliant.service.settings import Scoring
+from pliant.service.settings import Phase, Scoring
 from pliant.service.submissions import Upload, accept
 from pliant.service.teams import Identity, identify, invite
 from pliant.service.worker import Scorer, Worker
@@ -116,6 +116,10 @@ class Trial:
     host: str
     tokens: tuple[str, ...]
 
+    @property
+    def phase(self) -> Phase:
+        return self.challenge.settings.phases[0]
+
     def who(self, token: str) -> Identity:
         with self.challenge.database.read() as session:
             found = identify(session, token)
@@ -129,10 +133,9 @@ class Trial:
         sha256 = hashlib.sha256(content).hexdigest()
         self.challenge.store.put(path, sha256)
         upload = Upload(sha256, "given.parquet", len(content), check_only)
-        phase = self.challenge.settings.phases[0]
         with self.challenge.database.write() as session:
             who = self.who(self.tokens[team])
-            return accept(session, self.challenge, phase, who, upload)[0].id
+            return accept(session, self.challenge, self.phase, who, upload)[0].id
 
     def work(self, scorer: Scorer | None = None) -> None:
         """Do every job that waits, by default with `quick`."""

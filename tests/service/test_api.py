@@ -10,7 +10,6 @@ import json
 import os
 import re
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -272,14 +271,6 @@ def test_a_client_that_goes_away(plain: Trial) -> None:
     asyncio.run(make_app(plain.challenge)(scope, receive, send))  # type: ignore[arg-type]
     assert sent[0]["status"] == 400
     assert not list(plain.challenge.incoming.iterdir())
-
-
-def test_parallel_requests_over_http(trial: Trial, client: TestClient) -> None:
-    with ThreadPoolExecutor(10) as pool:
-        answers = list(
-            pool.map(lambda n: submit(client, trial.tokens[0], b"f%d" % n).status_code, range(9))
-        )
-    assert sorted(answers) == [201] * 5 + [429] * 4
 
 
 def test_download_in_ranges(plain_client: TestClient, service_halves: Halves) -> None:

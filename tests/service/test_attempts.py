@@ -18,8 +18,14 @@ from tests.service.conftest import MakeTrial, Trial
 def left(trial: Trial, team: int = 0) -> Attempts:
     who = trial.who(trial.tokens[team])
     with trial.challenge.database.read() as session:
-        phase = trial.challenge.settings.phases[0]
-        return attempts(session, who.team_id, phase, audit.log_time(session))
+        return attempts(session, who.team_id, trial.phase, audit.log_time(session))
+
+
+def give(trial: Trial, amount: int, time_ms: int) -> None:
+    """Give the first team credit at a time."""
+    team = trial.who(trial.tokens[0]).team_id
+    with trial.challenge.database.write() as session:
+        credit(session, team, trial.phase, amount, time_ms, actor="host")
 
 
 def test_a_scored_file_costs_one_attempt_and_a_refused_one_none(trial: Trial) -> None:
@@ -59,22 +65,16 @@ def test_credit_adds_attempts_today_and_in_all(trial: Trial) -> None:
         trial.send(f"{number}".encode())
     with pytest.raises(NotAcceptedError, match="no attempt is left today"):
         trial.send(b"six")
-    who = trial.who(trial.tokens[0])
-    phase = trial.challenge.settings.phases[0]
-    with trial.challenge.database.write() as session:
-        credit(session, who.team_id, phase, 2, audit.log_time(session), actor="host")
+    give(trial, 2, database.now_ms())
     assert left(trial) == Attempts(2, 97)
     trial.send(b"six")
 
 
 def test_credits_of_another_day_count_in_all_and_not_today(trial: Trial) -> None:
-    who = trial.who(trial.tokens[0])
-    phase = trial.challenge.settings.phases[0]
-    with trial.challenge.database.write() as session:
-        credit(session, who.team_id, phase, 1, 0, actor="host")
+    give(trial, 1, 0)
     assert left(trial) == Attempts(5, 101)
-    with trial.challenge.database.write() as session:
-        credit(session, who.team_id, phase, 10_000, 86_400_000, actor="host")
+    give(trial, 10_000, 86_400_000)
+    with trial.challenge.database.read() as session:
         entry = audit.last_entry(session)
         assert entry is not None
         assert [entry.actor, entry.action, entry.subject] == ["host", "credited", "team 2"]
@@ -82,11 +82,8 @@ def test_credits_of_another_day_count_in_all_and_not_today(trial: Trial) -> None
     assert days == ["1970-01-01", "1970-01-02"]
     assert left(trial) == Attempts(5, 10_101)
     for amount in (0, 10_001):
-        with (
-            pytest.raises(CallError, match=r"out of range.*1 to 10,000"),
-            trial.challenge.database.write() as session,
-        ):
-            credit(session, who.team_id, phase, amount, 0, actor="host")
+        with pytest.raises(CallError, match=r"out of range.*1 to 10,000"):
+            give(trial, amount, 0)
 
 
 def test_a_clock_that_is_set_back_opens_no_day_again(

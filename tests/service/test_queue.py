@@ -14,17 +14,15 @@ from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
 from pliant.service import queue
 from pliant.service.database import now_ms
-from pliant.service.models import Job, Score, State, Submission
+from pliant.service.models import Job, LedgerEntry, Score, State, Submission
 from pliant.service.queue import lease_next
 from pliant.service.scoring import Result, Task, score
 from pliant.service.settings import Scoring
 from pliant.service.submissions import queue_position
 from pliant.service.worker import Worker
 from pliant.spec.dataset import Dataset
-from pliant.spec.limits import Limits, run_limited
+from pliant.spec.limits import LimitError
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
-
-LIMITED = "scoring: {wall_s: 60, memory_gib: 1, tries: 2}\n"
 
 
 def state_of(trial: Trial, number: int) -> Submission:
@@ -174,42 +172,30 @@ def lease_end_ms(trial: Trial) -> int:
     return end
 
 
-def hang() -> Result:
-    time.sleep(3600)
-    return Result()
-
-
-def take_memory() -> Result:
-    _ = bytearray(8 * 2**30)
-    return Result()
-
-
-def crash() -> Result:
-    raise OSError("cannot read")
-
-
 @pytest.mark.parametrize(
-    ("what", "told"),
+    ("error", "told", "tries"),
     [
-        (hang, "too long"),
-        pytest.param(take_memory, "too much memory", marks=pytest.mark.long),
-        pytest.param(crash, "The host sees why", marks=pytest.mark.long),
+        (LimitError("time", "it takes too long"), "failed: it takes too long. No attempt was", 1),
+        (LimitError("crash", "the reader crashed"), "failed: the reader crashed. No attempt", 3),
+        (OSError("cannot read /srv/challenge"), "The host sees why; no attempt was charged.", 3),
     ],
 )
 def test_a_scorer_that_misbehaves_costs_no_attempt(
-    make_trial: MakeTrial, what: object, told: str
+    make_trial: MakeTrial, error: Exception, told: str, tries: int
 ) -> None:
-    trial = make_trial(LIMITED)
+    """A crash and a fault of the machine are tried again; of neither is a path told."""
+    trial = make_trial()
     number = trial.send(b"good")
 
     def scorer(task: Task, limits: Scoring) -> Result:
-        wall_s = 2 if what is hang else limits.wall_s
-        bounds = Limits(memory_bytes=int(limits.memory_gib * 2**30), wall_s=wall_s)
-        return run_limited(what, limits=bounds, path=task.name)  # type: ignore[arg-type]
+        raise error
 
     trial.work(scorer)
     found = state_of(trial, number)
     assert found.state == State.FAILED
     assert found.failure is not None
     assert told in found.failure
-    assert str(trial.challenge.root) not in found.failure
+    assert "/srv" not in found.failure
+    with trial.challenge.database.read() as session:
+        assert session.scalar(select(Job.tries)) == tries
+        assert session.scalar(select(func.sum(LedgerEntry.amount))) == 0

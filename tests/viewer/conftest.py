@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
+from pliant.baselines.submission_file import query_keys, write_answers
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.parquet import write_table
 
 
 @pytest.fixture(scope="session")
@@ -19,23 +19,11 @@ def submit(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, float], 
 
     def write(root: Path, shift_px: float) -> Path:
         dataset = Dataset.open(root)
-        queries, truth = dataset.queries("test"), dataset.truth("test")
-        table = pa.table(
-            {
-                "pair_id": queries["pair_id"],
-                "query_id": queries["query_id"],
-                "u": pa.array(truth["u_b"].to_numpy() + np.float32(shift_px)),
-                "v": truth["v_b"],
-            }
-        )
-        footer = {
-            "dataset": {"id": dataset.id, "version": dataset.version},
-            "split": "test",
-            "queries_sha256": dataset.queries_sha256("test"),
-            "method": {"name": f"moved {shift_px:g} px"},
-        }
+        truth, keys = dataset.truth("test"), query_keys(dataset, "test")
+        uv_px = np.stack([truth["u_b"], truth["v_b"]], axis=1) + np.array([shift_px, 0], np.float32)
         path = tmp_path_factory.mktemp("submission") / "answers.parquet"
-        write_table(path, table, "answers", footer)
+        method = {"name": f"moved {shift_px:g} px"}
+        write_answers(path, dataset, "test", keys, Answers(uv_px), method)
         return path
 
     return write

@@ -76,19 +76,14 @@ def test_an_episode_is_drawn_with_its_tracks(tiny_episode: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"count": 0}, "count"),
-        ({"out": "sheet.pdf"}, "format"),
-    ],
+    ("name", "count", "message"), [("figure.png", 0, "count"), ("sheet.pdf", 24, "format")]
 )
 def test_a_wrong_call_says_what_is_wrong(
-    arguments: dict[str, object], message: str, tiny_dataset: Path, tmp_path: Path
+    name: str, count: int, message: str, tiny_dataset: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / str(arguments.pop("out", "figure.png"))
     with pytest.raises(CallError, match=message):
-        draw_figure(tiny_dataset, out, **arguments)  # type: ignore[arg-type]
-    assert not out.exists()
+        draw_figure(tiny_dataset, tmp_path / name, count=count)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("figure", ["index", "depth", "tracks"])

@@ -8,17 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.recorded import RecordedQueries
-from pliant.viewer.explorer.truth import TruthFinder
+from pliant.viewer.explorer.truth import Truth, TruthFinder
 
 
 def pair_of(source: RecordedFrame, target: RecordedFrame) -> RecordedPair:
     return RecordedPair(source, target, np.zeros((0, 2), np.float32))
+
+
+def truth_at(truth: TruthFinder, pair: RecordedPair) -> tuple[Truth, FloatArray]:
+    """Return what is known of a pixel, and the place in the target."""
+    found = truth.find(pair)
+    assert found is not None
+    assert found.uv_b_px is not None
+    return found, found.uv_b_px
 
 
 @pytest.mark.parametrize("tier", ["rope", "cloth-3"])
@@ -29,17 +38,16 @@ def test_a_frame_is_its_own_truth(explorer: Explorer, tier: str) -> None:
     rows, columns = np.nonzero(mask)
     exact = 0
     for k in np.linspace(0, len(rows) - 1, 25).astype(int):
-        found = explorer.truth.find(pair_of(frame, frame).at([columns[k] + 0.2, rows[k] + 0.2]))
-        assert found is not None
-        assert found.uv_b_px is not None
+        asked = pair_of(frame, frame).at([columns[k] + 0.2, rows[k] + 0.2])
+        found, place = truth_at(explorer.truth, asked)
         np.testing.assert_array_equal(found.uv_a_px, [columns[k] + 0.5, rows[k] + 0.5])
         # By the mesh where a pixel has no neighbours on its piece of surface.
         atol = 1e-3 if found.origin == "surface" else 1.0
-        np.testing.assert_allclose(found.uv_b_px, found.uv_a_px, atol=atol)
+        np.testing.assert_allclose(place, found.uv_a_px, atol=atol)
         assert found.visibility == "visible"
         assert found.xyz_a_m is not None
         assert found.xyz_b_m is not None
-        np.testing.assert_allclose(found.xyz_a_m, found.xyz_b_m)
+        np.testing.assert_allclose(found.xyz_b_m, found.xyz_a_m)
         exact += found.origin == "surface"
     assert exact >= 22
 
@@ -87,12 +95,10 @@ def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path:
     known = dataset.truth("test").slice(0, len(pair))
     u, v = (known[name].to_numpy() for name in ("u_b", "v_b"))
     for k in (0, 5):
-        found = truth.find(pair.at(pair.uv_a_px[k] + 0.01))
-        assert found is not None
+        found, place = truth_at(truth, pair.at(pair.uv_a_px[k] + 0.01))
         assert found.origin == "query"
         np.testing.assert_allclose(found.uv_a_px, pair.uv_a_px[k], atol=1e-5)
-        assert found.uv_b_px is not None
-        np.testing.assert_allclose(found.uv_b_px, [u[k], v[k]], atol=1e-5)
+        np.testing.assert_allclose(place, [u[k], v[k]], atol=1e-5)
     assert truth.find(pair.at([-100.0, -100.0])) is None
     assert truth.find(pair_of(pair.target, pair.source).at(pair.uv_a_px[0])) is None
 
