@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from pliant.cli.main import run
 from pliant.spec.io.parquet import read_table
+from tests.converters.conftest import Refused
 from tests.converters.importing import asked_and_true, imported
+from tests.folders import files_of
 
 WIDTH, HEIGHT = 40, 30
 
@@ -102,30 +103,23 @@ def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
     source = knots_folder(tmp_path / "knots")
     for name in ("a", "b"):
         imported(source, tmp_path / name / "out", "--pairs", "3")
-    for kind in ("out", "out-truth"):
-        files = sorted(p for p in (tmp_path / "a" / kind).rglob("*") if p.is_file())
-        for path in files:
-            other = tmp_path / "b" / path.relative_to(tmp_path / "a")
-            assert path.read_bytes() == other.read_bytes(), path
-    assert len(set(read_table(files[0], "truth")["pair_id"].to_pylist())) == 3
+    first, second = files_of(tmp_path / "a"), files_of(tmp_path / "b")
+    assert [name for name in first if first[name] != second.get(name)] == []
+    truth = read_table(tmp_path / "a" / "out-truth" / "test.parquet", "truth")
+    assert len(set(truth["pair_id"].to_pylist())) == 3
 
 
-def test_wrong_calls_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_calls_are_one_sentence(tmp_path: Path, refused: Refused) -> None:
     source = knots_folder(tmp_path / "knots")
-    command = ["import", str(source), "--out", str(tmp_path / "out")]
     sizes = {
         "9000x100": "found 9000x100; required: sides of at most 8,192 px",
         "8000x8000": "16,777,216 pixels in all",
         **dict.fromkeys(("0x5", "5", "5x5x5", "-5x5"), "--size: the size"),
     }
     for size, said in sizes.items():
-        assert run([*command, "--size", size]) == 2
-        assert said in capsys.readouterr().err
-    assert run([*command, "--title", "a\u202eb"]) == 2
-    assert r"--title: the text has a control or bidirectional character; found \u202e" in (
-        capsys.readouterr().err
-    )
-    (tmp_path / "out-truth").mkdir()
-    (tmp_path / "out-truth" / "mine").touch()
-    assert run(command) == 2
-    assert "the output exists already" in capsys.readouterr().err
+        assert said in refused(source, "--size", size, code=2)
+    said = r"--title: the text has a control or bidirectional character; found \u202e"
+    assert said in refused(source, "--title", "a\u202eb", code=2)
+    (tmp_path / "no-truth").mkdir()
+    (tmp_path / "no-truth" / "mine").touch()
+    assert "the output exists already" in refused(source, code=2)
