@@ -83,34 +83,28 @@ def test_every_command_that_reads_something_is_here() -> None:
 
 @pytest.fixture(scope="module")
 def good(
-    tiny_dataset: Path, quick_run: Path, tmp_path_factory: pytest.TempPathFactory
+    scored: dict[str, Path], quick_run: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Path]:
     """One good input of each kind."""
     folder = tmp_path_factory.mktemp("good")
-    found = {name: folder / name.lower() for name in ("SUB", "REPORT", "CONFIG", "KNOTS")}
-    found |= {name: folder / name for name in ("TRACKS.pkl", "TRACKS.npz", "GOOD.png")}
-    data = ["--data", str(tiny_dataset)]
-    assert run(["predict", "identity", *data, "--out", str(found["SUB"])]) == 0
-    assert run(["evaluate", str(found["SUB"]), *data, "--out", str(found["REPORT"])]) == 0
+    names = ("CONFIG", "KNOTS", "TRACKS.pkl", "TRACKS.npz", "ANSWERS.csv", "PICTURE.png")
+    found = {name: folder / name for name in names}
     found["CONFIG"].write_text("seed: 1\n")
     found["KNOTS"].mkdir()
     (found["KNOTS"] / "knots_info.json").write_text('{"0": [[[1, 2]], [[3, 4]]]}')
     np.savez(found["TRACKS.npz"], points=np.zeros((1, 2, 2)))
     found["TRACKS.pkl"].write_bytes(b"\x80\x04]\x94(K\x01K\x02K\x03e.")
     noise = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
-    Image.fromarray(noise).save(found["GOOD.png"])
-    answers = folder / "ANSWERS.csv"
-    answers.write_text("pair_id,query_id,u,v\n0,0,1,2\n")
-    truth = tiny_dataset / "truth" / "test.parquet"
-    return found | {
-        "DATA": tiny_dataset,
+    Image.fromarray(noise).save(found["PICTURE.png"])
+    found["ANSWERS.csv"].write_text("pair_id,query_id,u,v\n0,0,1,2\n")
+    others = {
         "RUN": quick_run,
-        "PICTURE": found["GOOD.png"],
-        "GOOD": found["GOOD.png"],
-        "TRUTH": truth,
-        "ANSWERS.csv": answers,
-        "SCORES.json": found["REPORT"] / "scores.json",
+        "PICTURE": found["PICTURE.png"],
+        "GOOD": found["PICTURE.png"],
+        "TRUTH": scored["DATA"] / "truth" / "test.parquet",
+        "SCORES.json": scored["REPORT"] / "scores.json",
     }
+    return {**scored, **found, **others}
 
 
 def _half(path: Path, good: Path) -> None:

@@ -12,6 +12,7 @@ from pliant.benchmarks.suite import config
 from pliant.cli.main import run
 from pliant.service.challenge import is_challenge
 from tests.benchmarks.jobs_here import jobs_here
+from tests.folders import files_of
 
 pytestmark = pytest.mark.slow
 
@@ -60,11 +61,10 @@ def test_with_few_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def files(root: Path) -> dict[str, bytes]:
     """Everything except the logs and the notes of what each stage cost."""
     return {
-        str(path.relative_to(root)): path.read_bytes()
-        for path in sorted(root.rglob("*"))
-        if path.is_file()
-        and path.suffix in COMPARED
-        and not {".pliant", "stages", "table.json"} & set(path.parts)
+        name: data
+        for name, data in files_of(root).items()
+        if Path(name).suffix in COMPARED
+        and not {".pliant", "stages", "table.json"} & set(Path(name).parts)
     }
 
 

@@ -12,6 +12,7 @@ from pliant.cli.main import run
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.writing import replacing
+from tests.folders import files_of
 from tests.full_disk import full_disk
 
 COMMANDS = {
@@ -28,36 +29,18 @@ COMMANDS = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def places(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    folder = tmp_path_factory.mktemp("inputs")
-    found = {
-        "DATA": str(tiny_dataset),
-        "SUB": str(folder / "s.parquet"),
-        "REPORT": str(folder / "r"),
-    }
-    answered = ["predict", "identity", "--data", found["DATA"]]
-    assert run([*answered, "--out", found["SUB"]]) == 0
-    assert run(["evaluate", found["SUB"], "--data", found["DATA"], "--out", found["REPORT"]]) == 0
-    return found
-
-
-def _files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and ".pliant" not in path.parts
-    }
+def call(name: str, scored: dict[str, Path], out: str) -> list[str]:
+    return [str(scored.get(word, word.replace("OUT", out))) for word in COMMANDS[name]]
 
 
 @pytest.mark.parametrize("name", ["predict", "evaluate", "convert", "publish", "generate"])
 def test_a_full_disk_is_one_line_and_loses_nothing(
-    name: str, places: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, scored: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = [places.get(a, a.replace("OUT", str(tmp_path / "out"))) for a in COMMANDS[name]]
+    arguments = call(name, scored, str(tmp_path / "out"))
     if name in ("predict", "evaluate"):  # the others refuse or skip what is finished
         assert run(arguments) == 0
-    before = _files(tmp_path)
+    before = files_of(tmp_path)
     with full_disk(400):
         code = run(arguments)
     shown = "".join(capsys.readouterr())
@@ -65,18 +48,17 @@ def test_a_full_disk_is_one_line_and_loses_nothing(
     assert "Traceback" not in shown
     assert "File too large" in shown
     if name == "publish":
-        assert not any(name.endswith(".json") for name in _files(tmp_path))
+        assert not any(name.endswith(".json") for name in files_of(tmp_path))
     elif name != "generate":
-        assert _files(tmp_path) == before
+        assert files_of(tmp_path) == before
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_place_that_cannot_be_written_is_one_line(
-    name: str, places: dict[str, str], capfd: pytest.CaptureFixture[str]
+    name: str, scored: dict[str, Path], capfd: pytest.CaptureFixture[str]
 ) -> None:
     """No file can be made in /proc, not even by root."""
-    arguments = [places.get(a, a.replace("OUT", "/proc/pliant/out")) for a in COMMANDS[name]]
-    assert run(arguments) in (1, 2)
+    assert run(call(name, scored, "/proc/pliant/out")) in (1, 2)
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("Error")]
     assert len(lines) == 1
     assert "/proc" in lines[0]

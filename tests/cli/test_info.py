@@ -28,13 +28,6 @@ def test_info_as_json(tiny_dataset, capsys):
     assert asked["truth"] is True
 
 
-def test_info_in_words(tiny_dataset, capsys):
-    assert run(["info", str(tiny_dataset)]) == 0
-    text = capsys.readouterr().out
-    assert "15 sequences, 30 frames" in text
-    assert "cloth-3" in text
-
-
 def test_info_of_a_public_half(tiny_dataset, tmp_path, capsys):
     """A held-out sequence's zero is no occlusion, and an untold seed is not called None."""
     told = json.loads((tiny_dataset / "dataset.json").read_text())
@@ -53,12 +46,9 @@ def test_info_of_a_public_half(tiny_dataset, tmp_path, capsys):
     assert spread["mean"] == pytest.approx(sum(shown) / 3, abs=1e-4)
     assert run(["info", str(tmp_path)]) == 0
     text = capsys.readouterr().out
+    assert "15 sequences, 30 frames" in text
+    assert "cloth-3" in text
     assert "no seed given" in text
     assert "None" not in text
     assert all(word in text for word in ("occluded", "symmetries"))  # on 80 columns, whole
     assert max(len(line) for line in text.splitlines() if "━" in line) <= 80
-
-
-def test_no_dataset(tmp_path, capsys):
-    assert run(["info", str(tmp_path)]) == 1
-    assert "not a Pliant dataset" in capsys.readouterr().err
