@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ from tests.generator.world import scene
 
 COARSE = ClothSettings(points_a_side=33)
 FRAMES = 120
+
+Frames = list[tuple[np.ndarray, dict[str, Any]]]
+"""Vertices and facts of each frame."""
 
 
 def test_the_hand_goes_where_it_is_told() -> None:
@@ -41,30 +45,26 @@ def test_a_grip_is_a_patch_cut_at_the_rim() -> None:
 
 
 @pytest.fixture(scope="module")
-def frames() -> list[tuple[np.ndarray, dict[str, object]]]:
+def frames() -> Frames:
     scene_object = scene("cloth-1", index=3, frames=FRAMES, episodes=True, cloth=COARSE)
     poses = [scene_object.pose(frame) for frame in range(FRAMES)]
     return [(pose.vertices["cloth"], dict(pose.info)) for pose in poses]
 
 
-def test_an_episode_starts_flat_and_is_handled(
-    frames: list[tuple[np.ndarray, dict[str, object]]],
-) -> None:
+def test_an_episode_starts_flat_and_is_handled(frames: Frames) -> None:
     first, info = frames[0]
     assert np.ptp(first[:, 2]) < 1e-4
     assert info["coverage"] == pytest.approx(1.0, abs=0.01)
-    names = {str(i["action"]["name"]) for _, i in frames if i["action"]}  # type: ignore[index]
-    numbers = [i["action"]["index"] for _, i in frames if i["action"]]  # type: ignore[index]
+    names = {i["action"]["name"] for _, i in frames if i["action"]}
+    numbers = [i["action"]["index"] for _, i in frames if i["action"]]
     assert names <= {"fold", "drop", "spread"}
     assert len(set(numbers)) >= 2
     assert numbers == sorted(numbers)
     assert any(i["action"] is None for _, i in frames)  # and let go of between
-    assert min(float(i["coverage"]) for _, i in frames) < 0.97  # type: ignore[arg-type]
+    assert min(i["coverage"] for _, i in frames) < 0.97
 
 
-def test_the_hand_of_a_frame_holds_the_cloth_there(
-    frames: list[tuple[np.ndarray, dict[str, object]]],
-) -> None:
+def test_the_hand_of_a_frame_holds_the_cloth_there(frames: Frames) -> None:
     held = 0
     for (_, before), (vertices, now) in itertools.pairwise(frames):
         moved = np.array(now["d_action"])
@@ -77,7 +77,7 @@ def test_the_hand_of_a_frame_holds_the_cloth_there(
         hand = np.array(now["hand"])
         if before["action"] is not None and before["action"] == now["action"]:
             np.testing.assert_allclose(hand - np.array(before["hand"]), moved, atol=1e-12)
-        u, v = now["action"]["picked"]  # type: ignore[index]
+        u, v = now["action"]["picked"]
         picked = vertices.reshape(65, 65, 3)[round(v * 64), round(u * 64)]
         last_of_action = now is frames[-1][1] or moved[2] < 0  # let go within the frame
         assert np.linalg.norm(picked - hand) < 0.02 or last_of_action
@@ -85,9 +85,7 @@ def test_the_hand_of_a_frame_holds_the_cloth_there(
     assert held > 40
 
 
-def test_no_frame_of_an_episode_crosses_itself_or_jumps(
-    frames: list[tuple[np.ndarray, dict[str, object]]],
-) -> None:
+def test_no_frame_of_an_episode_crosses_itself_or_jumps(frames: Frames) -> None:
     faces, edges = grid_mesh(GridShape(65, 65))
     for vertices, _ in frames[::3]:
         assert np.isfinite(vertices).all()

@@ -14,15 +14,13 @@ from pliant.generator.rendering.materials import cloth_images
 from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings import AppearanceSettings, ClothSettings
-from pliant.generator.settings.cloth import COVERAGE_BANDS
 from pliant.spec.model import Tier
-from tests.generator.objects.cloth.independent_intersections import count_intersections
 from tests.generator.world import made, scene, small
 
-LENGTHS_M = {0.5: (0.6, 0.3), 0.7: (0.6, 0.4125), 1.6: (0.6, 0.975)}
-"""Proportion -> lengths along u and v: of 32 cells along u, and 16, 22 or 52 along v."""
+LENGTHS_M = {0.5: (0.6, 0.3), 0.7: (0.6, 0.4125), 1.0: (0.6, 0.6), 1.6: (0.6, 0.975)}
+"""Proportion -> lengths along u and v: of 32 cells along u, and 16, 22, 32 or 52 along v."""
 
-TRACKED = {0.5: (17, 9), 0.7: (17, 12), 1.6: (17, 27)}
+TRACKED = {0.5: (17, 9), 0.7: (17, 12), 1.0: (17, 17), 1.6: (17, 27)}
 """Proportion -> tracked points along u and v: every fourth vertex of the rendered grid."""
 
 
@@ -58,7 +56,7 @@ def test_distances_on_a_flat_cloth_are_the_lengths_of_the_tier(
     np.testing.assert_allclose(np.concatenate(steps), 0.6 / 16, atol=2e-6)
 
 
-@pytest.mark.parametrize("proportion", LENGTHS_M)
+@pytest.mark.parametrize("proportion", [0.5, 0.7, 1.6])
 def test_the_symmetries_are_those_that_keep_every_distance(proportion: float) -> None:
     cloth, described, places = flat_cloth(proportion)
     names = [each.name for each in described.symmetries]
@@ -99,29 +97,19 @@ def test_weave_and_hem_have_one_width_and_a_plain_cloth_its_symmetries(proportio
     assert widths[1] == pytest.approx(0.03 * 480, abs=1)
 
 
-@pytest.mark.parametrize(("level", "proportion"), [(1, 0.5), (2, 1.6), (3, 0.7)])
-def test_a_tier_keeps_its_word_for_a_rectangle(level: int, proportion: float) -> None:
-    cloth = scene(f"cloth-{level}", frames=2, cloth=coarse(proportion))
-    low, high = COVERAGE_BANDS[level]
-    for frame in range(2):
-        pose = cloth.pose(frame)
-        vertices, faces = pose.vertices["cloth"], cloth.parts[0].faces
-        assert low <= pose.info["coverage"] <= high
-        assert count_intersections(vertices, faces) == 0
-        for action in pose.info["actions"]:
-            assert action["name"] == "stand" or all(0 <= m <= 1 for m in action["picked"])
-
-
 @pytest.mark.parametrize(
-    ("tier", "episodes", "proportion"), [("cloth-2", True, 0.7), ("towel", False, 1.6)]
+    ("tier", "episodes", "cloth"),
+    [
+        ("cloth-2", True, {"proportion": 0.7}),
+        ("towel", False, {"proportion": 1.6}),
+        ("cloth-1", False, {"variant": "printed", "design": 3}),
+    ],
 )
-def test_a_dataset_of_rectangles_is_valid(
-    tier: str, episodes: bool, proportion: float, tmp_path: Path
-) -> None:
-    config = small(
-        tier, (160, 120), frames=4 if episodes else 2, episodes=episodes, cloth=coarse(proportion)
-    )
-    dataset = made(config, tmp_path / "rectangles")
+def test_a_dataset_is_valid(tier: str, episodes: bool, cloth: dict, tmp_path: Path) -> None:
+    settings = coarse(1.0).replace(**cloth)
+    frames = 4 if episodes else 2
+    config = small(tier, (160, 120), frames=frames, episodes=episodes, cloth=settings)
+    dataset = made(config, tmp_path / "cloths")
     assert len(dataset.queries("test")) > 50
     lengths = [each.metres_per_unit for each in dataset.tiers[tier].queried.material]
-    assert lengths == pytest.approx(LENGTHS_M[proportion])
+    assert lengths == pytest.approx(LENGTHS_M[cloth.get("proportion", 1.0)])
