@@ -15,6 +15,8 @@ from pliant.spec.io.yamlfiles import yaml_text
 from pliant.spec.model import MaterialCoordinate, Symmetry
 from tests.generator.world import scene
 
+LONG_KNOT = 'rope.knot_diameters={"overhand":[22,32],"figure-eight":[31,60]}'
+
 REFUSED = {
     "tiers=[ropes]": "tiers.0",
     "sequences=3 splits.test=3": "sequences",
@@ -49,6 +51,7 @@ REFUSED = {
     'rope.knot_diameters={"overhand":[22,60]}': "rope.knot_diameters.overhand",
     'rope.knot_diameters={"overhand":[5,30]}': "rope.knot_diameters.overhand",
     'rope.knot_diameters={"overhand":[22,30]}': "rope.knot_diameters.figure-eight",
+    LONG_KNOT: "rope.knot_diameters.figure-eight",
     "rope.loop_radius_m=[0.01,0.05]": "rope.loop_radius_m",
     "rope.point_stations=400": "rope.point_stations",
     "rope.point_angles=40": "rope.point_angles",
@@ -88,8 +91,6 @@ REFUSED = {
 """Changes of the defaults -> the field that is named."""
 
 
-LONG_KNOT = 'rope.knot_diameters={"overhand":[22,32],"figure-eight":[31,60]}'
-
 SENTENCES = {
     "queries.kind=track": "only an episode can be tracked",
     "queries.kind=tracks": "Did you mean 'track'",
@@ -110,12 +111,7 @@ def test_impossible_settings_are_refused_by_name(changes: str) -> None:
         config(changes)
     assert refused.value.where == REFUSED[changes]
     assert refused.value.exit_code == 2
-
-
-@pytest.mark.parametrize("changes", SENTENCES)
-def test_a_refusal_says_why(changes: str) -> None:
-    with pytest.raises(CallError, match=SENTENCES[changes]):
-        config(changes)
+    assert SENTENCES.get(changes, "") in str(refused.value)
 
 
 def test_a_knot_longer_than_the_rope_is_allowed_where_it_is_never_drawn() -> None:

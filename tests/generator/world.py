@@ -12,6 +12,7 @@ from pliant.generator.objects.tiers import sample_scene_object
 from pliant.generator.runner.run import generate
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import SequenceTask
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.validation.validate import validate
@@ -23,6 +24,11 @@ def small(tier: str = "rope", size: tuple[int, int] = (96, 72), **fields: Any) -
     width, height = size
     values = {"splits": {"test": 2}, "style": "raster", **fields}
     return GenerateConfig(tiers=(tier,), width=width, height=height, **values)
+
+
+def srgb_curve(linear: FloatArray) -> FloatArray:
+    """Return linear light (0 to 1) as sRGB, by the standard's formula."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def newly_hidden(sequence: SequenceRecord, alone: SequenceRecord, frame: int) -> int:

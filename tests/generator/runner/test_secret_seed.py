@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.manifest import RunFolder
 from pliant.generator.runner.run import generate
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.spec.errors import CallError
@@ -97,8 +96,3 @@ def test_every_bit_of_a_secret_seed_counts_and_streams_differ():
         others.append(RandomStreams(2**127, replace(task, **changed)).generator(Stream.CAMERA))
     assert len({float(rng.random()) for rng in others}) == len(others)
     assert "1701411834604692317316873037158841057" not in repr(streams)
-
-
-def test_the_folder_of_a_run_may_contain_a_seed_before_it_begins(tmp_path):
-    (tmp_path / ".private").mkdir()
-    RunFolder(tmp_path).check()

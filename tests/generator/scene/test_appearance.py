@@ -18,6 +18,7 @@ from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import AppearanceSettings
 from pliant.spec.errors import CallError
+from tests.generator.world import srgb_curve
 
 
 def appearance_of(scene_object: SceneObject, seed: int = 0, **values: Any) -> Appearance:
@@ -29,10 +30,7 @@ def appearance_of(scene_object: SceneObject, seed: int = 0, **values: Any) -> Ap
 @pytest.mark.parametrize("seed", range(12))
 def test_colours_stand_out_and_light_is_what_was_asked(sheet: SceneObject, seed: int) -> None:
     appearance = appearance_of(sheet, seed, brightness=(0.8, 0.8), sun_share=(0.7, 0.7))
-    srgb = [
-        np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-        for c in (np.array(appearance.table.colour), np.array(appearance.cloth_colours[0]))
-    ]
+    srgb = srgb_curve(np.array([appearance.table.colour, appearance.cloth_colours[0]]))
     assert math.dist(*srgb) >= AppearanceSettings().least_contrast - 1e-9
     sun = np.mean(appearance.light.sun_irradiance) * appearance.light.sun_direction[2] / math.pi
     assert sun == pytest.approx(0.7 * 0.8)
@@ -100,9 +98,8 @@ def test_materials_stay_in_their_family_of_hues(sheet: SceneObject) -> None:
     values = {"object_hue": (-0.25, 0.5), "object_saturation": (0.5, 0.9)}
     hues = []
     for seed in range(40):
-        linear = np.array(appearance_of(sheet, seed, **values).cloth_colours)
-        srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        hues += [rgb_to_hsv(*colour)[0] for colour in srgb]
+        colours = np.array(appearance_of(sheet, seed, **values).cloth_colours)
+        hues += [rgb_to_hsv(*colour)[0] for colour in srgb_curve(colours)]
     kept_out = (np.array(hues) > 0.501) & (np.array(hues) < 0.749)
     assert not kept_out.any()
     assert min(hues) < 0.1

@@ -25,9 +25,9 @@ SURFACE = Surface(
 )
 
 
-def noisy(rgb: np.ndarray = RGB, seed: int = 0, **values: object) -> np.ndarray:
+def noisy(rgb: np.ndarray = RGB, surface: Surface = SURFACE, **values: object) -> np.ndarray:
     settings = NoiseSettings(**{**OFF, **values})  # type: ignore[arg-type]
-    return apply_noise(np.random.default_rng(seed), rgb, SURFACE, settings)
+    return apply_noise(np.random.default_rng(0), rgb, surface, settings)
 
 
 def test_nothing_asked_nothing_changed() -> None:
@@ -105,8 +105,7 @@ def test_what_is_not_asked_for_is_not_drawn() -> None:
 
 def test_an_image_without_an_object_has_no_outline() -> None:
     empty = Surface(SURFACE.depth_m, SURFACE.m0, SURFACE.m1, np.zeros((H, W), np.uint32))
-    settings = NoiseSettings(**{**OFF, "dropout": (0.5, 0.5)})  # type: ignore[arg-type]
-    np.testing.assert_array_equal(apply_noise(np.random.default_rng(0), RGB, empty, settings), RGB)
+    np.testing.assert_array_equal(noisy(surface=empty, dropout=(0.5, 0.5)), RGB)
 
 
 def test_noise_follows_from_its_generator_and_leaves_its_inputs_alone() -> None:
