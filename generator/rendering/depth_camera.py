@@ -161,11 +161,7 @@ def pixels_to_the_rim(on: Mask) -> IntArray:
 
 
 def _add_specks(
-    rng: np.random.Generator,
-    grey: ImageArray,
-    on: Mask,
-    table_grey: float,
-    count: int,
+    rng: np.random.Generator, grey: ImageArray, on: Mask, table_grey: float, count: int
 ) -> None:
     """Put specks of one to five pixels near the object, in place."""
     height, width = grey.shape

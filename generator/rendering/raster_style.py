@@ -74,12 +74,7 @@ class RasterRenderer:
         linear, changed = self._table.under(shadow, sky, _hidden(self._hits, window, camera.size))
         out = self._table.encoded.copy()
         encode_where(changed, linear, out)
-        view = _View(
-            window,
-            Lens.of(camera),
-            camera.world_to_camera[:3, :3],
-            camera.centre_m,
-        )
+        view = _View(window, Lens.of(camera), camera.world_to_camera[:3, :3], camera.centre_m)
         lighting = _Lighting(
             np.asarray(light.sun_direction),
             np.asarray(light.sun_irradiance) / math.pi,

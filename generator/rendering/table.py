@@ -91,12 +91,7 @@ def _on_table(
     u, v = np.meshgrid(columns_px, rows_px)
     K, eye = camera.K, camera.centre_m
     rays = np.stack(
-        [
-            (u.ravel() - K[0, 2]) / K[0, 0],
-            (v.ravel() - K[1, 2]) / K[1, 1],
-            np.ones(u.size),
-        ],
-        axis=1,
+        [(u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1], np.ones(u.size)], axis=1
     )
     rays = rays @ camera.world_to_camera[:3, :3]
     seen = rays[:, 2] < -1e-6
@@ -127,11 +122,7 @@ class _Ground(NamedTuple):
 
 @compiled
 def _shade(
-    ground: _Ground,
-    shadow: ShadowMap,
-    hidden: BoolArray,
-    linear: Float32Array,
-    changed: BoolArray,
+    ground: _Ground, shadow: ShadowMap, hidden: BoolArray, linear: Float32Array, changed: BoolArray
 ) -> None:
     """Shade tile by tile; many tiles of a small object's picture miss no light."""
     # Each look into a tuple of arrays inside the loops would count a reference.

@@ -59,9 +59,7 @@ def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], r
 
 
 def describe_dataset(
-    config: GenerateConfig,
-    tiers: Sequence[Tier],
-    infos: Sequence[Mapping[str, Any]],
+    config: GenerateConfig, tiers: Sequence[Tier], infos: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the content of `dataset.json`.
 

@@ -164,12 +164,7 @@ def _facing(forward: FloatArray, up: FloatArray) -> FloatArray:
     return np.stack([x, np.cross(z, x), z])
 
 
-def _placed(
-    rotation: FloatArray,
-    eye: FloatArray,
-    size: tuple[int, int],
-    fov_deg: float,
-) -> Camera:
+def _placed(rotation: FloatArray, eye: FloatArray, size: tuple[int, int], fov_deg: float) -> Camera:
     width, height = size
     focal = width / 2 / math.tan(math.radians(fov_deg) / 2)
     pose = np.eye(4)

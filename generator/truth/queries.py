@@ -24,11 +24,7 @@ from pliant.spec.arrays import IntArray
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
 from pliant.spec.io.reading import sha256_file
-from pliant.spec.storage.layout import (
-    CORRESPONDENCES_TABLE,
-    POINTS_TABLE,
-    SEQUENCE_JSON,
-)
+from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, POINTS_TABLE, SEQUENCE_JSON
 from pliant.spec.tables import QUERIES, TRUTH
 
 _SEQUENCES_IN_MEMORY = 64

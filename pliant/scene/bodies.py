@@ -101,12 +101,7 @@ class Rope:
         self._normal = upward_normal(self._line, 0.0)
 
     def pull(
-        self,
-        s: float,
-        to: Sequence[float],
-        *,
-        speed_m_s: float = 0.3,
-        each: Each | None = None,
+        self, s: float, to: Sequence[float], *, speed_m_s: float = 0.3, each: Each | None = None
     ) -> None:
         """Take the rope at a place and pull it in a straight line.
 

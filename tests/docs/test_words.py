@@ -17,11 +17,7 @@ PAGES = (
 )
 TEMPLATES = ("*/templates/*.j2", "*/*/templates/*.j2")
 # Text of released files, and the page that `pliant benchmark` writes.
-UNCHANGEABLE = {
-    "conventions.py",
-    "tables.py",
-    "results.md",
-}
+UNCHANGEABLE = {"conventions.py", "tables.py", "results.md"}
 
 _GENERATED = re.compile(r"<!-- generated: .*?<!-- end -->", re.DOTALL)
 

@@ -36,11 +36,7 @@ def grid_over(points: FloatArray, edge_m: float, most: float) -> tuple[FloatArra
 
 @compiled
 def triangles_in_cells(
-    vertices: FloatArray,
-    faces: Int32Array,
-    low: FloatArray,
-    edge_m: float,
-    cells: IntArray,
+    vertices: FloatArray, faces: Int32Array, low: FloatArray, edge_m: float, cells: IntArray
 ) -> tuple[IntArray, Int32Array]:
     """List in every cell the triangles whose box touches it.
 

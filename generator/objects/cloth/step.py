@@ -84,11 +84,7 @@ def verlet_step(
 
 @compiled
 def collide_table(
-    height_m: float,
-    friction: float,
-    positions: FloatArray,
-    previous: FloatArray,
-    free: FloatArray,
+    height_m: float, friction: float, positions: FloatArray, previous: FloatArray, free: FloatArray
 ) -> None:
     """Collide masses with a horizontal table with Coulomb friction; z is up.
 

@@ -78,11 +78,7 @@ def cover_of(settings: ClothSettings, vertices: FloatArray) -> Cover:
 
 
 def subdivide(
-    positions: FloatArray,
-    masses: GridShape,
-    doublings: int,
-    floor_m: float,
-    smoothing: float = 0.0,
+    positions: FloatArray, masses: GridShape, doublings: int, floor_m: float, smoothing: float = 0.0
 ) -> tuple[FloatArray, int]:
     """Refine a grid of masses for rendering.
 

@@ -96,12 +96,7 @@ def neck(now: FloatArray, n: int, spacing: float, ball_radius: float) -> None:
 
 @compiled
 def touch(
-    now: FloatArray,
-    before: FloatArray,
-    pairs: IntArray,
-    count: int,
-    held: int,
-    contact: float,
+    now: FloatArray, before: FloatArray, pairs: IntArray, count: int, held: int, contact: float
 ) -> None:
     """Push touching capsules apart and rub them against each other."""
     w = np.empty(4)

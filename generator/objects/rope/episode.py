@@ -9,12 +9,7 @@ import numpy as np
 
 from pliant.generator.objects.rope.actions import Action, next_action, outside_by
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
-from pliant.generator.objects.rope.curve import (
-    first_direction,
-    resample,
-    smooth_curve,
-    turned,
-)
+from pliant.generator.objects.rope.curve import first_direction, resample, smooth_curve, turned
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.scene.scene_object import Pose

@@ -90,11 +90,7 @@ def _spread(z: FloatArray, half: int, out: FloatArray) -> None:
 
 @compiled
 def _settle(
-    floor: FloatArray,
-    pairs: IntArray,
-    need: FloatArray,
-    half: int,
-    highest: float,
+    floor: FloatArray, pairs: IntArray, need: FloatArray, half: int, highest: float
 ) -> tuple[bool, FloatArray]:
     n = floor.shape[0]
     z = np.empty(n)

@@ -16,12 +16,7 @@ from pliant.generator.rendering.shadow import may_shade, shadow_map, sunlight
 from pliant.generator.rendering.sky import openness, sky_maps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
-from pliant.generator.scene.appearance import (
-    Appearance,
-    Light,
-    TableAppearance,
-    sample_appearance,
-)
+from pliant.generator.scene.appearance import Appearance, Light, TableAppearance, sample_appearance
 from pliant.generator.scene.camera import looking_at
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.generator.settings import AppearanceSettings

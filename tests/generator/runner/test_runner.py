@@ -181,8 +181,7 @@ def change_one_byte(path):
 
 
 @pytest.mark.parametrize(
-    ("damage", "says"),
-    [(truncate, "has"), (change_one_byte, "has"), (Path.unlink, "is missing")],
+    ("damage", "says"), [(truncate, "has"), (change_one_byte, "has"), (Path.unlink, "is missing")]
 )
 def test_damaged_sequences_are_made_again(damage, says, uninterrupted, tmp_path):
     out = tmp_path / "set"
