@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,16 +75,8 @@ def arrows() -> dict[str, set[str]]:
 def layers(graph: dict[str, set[str]]) -> list[list[str]]:
     """Return the rooms by their longest chain of imports, the lowest layer first."""
     level: dict[str, int] = {}
-
-    def depth(room: str, above: tuple[str, ...] = ()) -> int:
-        if room in above:
-            raise ValueError(f"import cycle: {' -> '.join((*above, room))}")
-        if room not in level:
-            level[room] = 1 + max((depth(low, (*above, room)) for low in graph[room]), default=-1)
-        return level[room]
-
-    for room in graph:
-        depth(room)
+    for room in TopologicalSorter(graph).static_order():
+        level[room] = 1 + max((level[low] for low in graph[room]), default=-1)
     return [[r for r in graph if level[r] == n] for n in range(max(level.values()) + 1)]
 
 
