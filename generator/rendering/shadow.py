@@ -131,18 +131,9 @@ def _draw(points: FloatArray, faces: Int32Array, depth: Float32Array) -> None:
 
 
 def _coarse(depth: Float32Array) -> Float32Array:
-    return np.asarray(minimum_filter(_block_minima(depth), 5, mode="constant", cval=_EMPTY))
-
-
-@compiled
-def _block_minima(depth: Float32Array) -> Float32Array:
-    rows, columns = depth.shape
-    out = np.full((-(-rows // _BLOCK), -(-columns // _BLOCK)), _EMPTY)
-    for j in range(rows):
-        for i in range(columns):
-            cell = j // _BLOCK, i // _BLOCK
-            out[cell] = min(out[cell], depth[j, i])
-    return out
+    down, across = (np.arange(0, side, _BLOCK) for side in depth.shape)
+    nearest = np.minimum.reduceat(np.minimum.reduceat(depth, down, axis=0), across, axis=1)
+    return np.asarray(minimum_filter(nearest, 5, mode="constant", cval=_EMPTY))
 
 
 @compiled
