@@ -16,7 +16,6 @@ import numpy as np
 
 from pliant.generator import portable
 from pliant.generator.objects.cloth.configuration import make_configuration
-from pliant.generator.objects.cloth.grid import corner_vertices
 from pliant.generator.objects.cloth.handling import Action, Handling, perform
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
 from pliant.generator.scene.scene_object import Pose
@@ -179,7 +178,7 @@ class Episode:
         """Return a corner now and then, else an uppermost mass far from the middle."""
         cloth, rng = self._handling, self._rng
         if rng.random() < 0.4:
-            return int(rng.choice(corner_vertices(cloth.grid)))
+            return cloth.corner()
         direction = cloth.anywhere()
         offsets = cloth.simulator.positions[:, :2] - cloth.middle()
         outermost = int(portable.product(offsets, direction[:, None]).argmax())

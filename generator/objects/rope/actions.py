@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.generator.portable import norm
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.arrays import FloatArray
 
@@ -157,7 +158,7 @@ def next_action(
             kind, end = "move", rng.uniform(-1.0, 1.0, 2) * inner
     end = np.clip(end, -inner, inner)
     way = end - flat[held]
-    distance = math.sqrt(float((way**2).sum()))
+    distance = norm(way)
     # Not so far that the rope would have to follow for long.
     furthest = 0.45 * settings.length_m
     if distance > furthest:
@@ -186,14 +187,12 @@ def _bow(flat: FloatArray, held: int, way: FloatArray, rng: np.random.Generator)
     does: such a path swings out to one side.
     """
     bow = rng.normal(0.0, 0.15)
-    length = math.sqrt(float((way**2).sum()))
+    length = norm(way)
     for reach in (-6, 6):
         other = held + reach
         if 0 <= other < len(flat) and length > 0:
             back = flat[other] - flat[held]
-            cosine = float((back * way).sum()) / (
-                length * max(math.sqrt(float((back**2).sum())), 1e-9)
-            )
+            cosine = float((back * way).sum()) / (length * max(norm(back), 1e-9))
             if cosine > 0.5:
                 return math.copysign(rng.uniform(0.3, 0.6), bow)
     return bow

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pliant.generator import portable
 from pliant.generator.objects.rope.contact import crossings
-from pliant.generator.objects.rope.curve import resample, twist_free_frames
+from pliant.generator.objects.rope.curve import first_direction, resample, twist_free_frames
 from pliant.generator.objects.rope.mesh import (
     RopeMesh,
     ball_chart,
@@ -107,10 +107,9 @@ def upward_normal(centreline: FloatArray, roll_rad: float) -> FloatArray:
     Returns:
         float64 (3,), a unit vector at right angles to the first step.
     """
-    tangent = centreline[1] - centreline[0]
-    tangent = tangent / math.sqrt(float((tangent**2).sum()))
+    tangent = first_direction(centreline)
     up = np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent
-    up /= math.sqrt(float((up**2).sum()))
+    up /= portable.norm(up)
     return np.asarray(math.cos(roll_rad) * up + math.sin(roll_rad) * np.cross(tangent, up))
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from pliant.generator.compiled import compiled
+from pliant.generator.portable import norm
 from pliant.spec.arrays import FloatArray
 
 HANDLE_SHARE: Final = 0.39
@@ -250,4 +251,4 @@ def smooth_curve(points: FloatArray, floor_m: float, per_segment: int = 24) -> F
 def first_direction(chain: FloatArray) -> FloatArray:
     """Return the unit direction of the first stretch of points (n, 3): float64 (3,)."""
     step = chain[1] - chain[0]
-    return np.asarray(step / np.sqrt((step**2).sum()))
+    return step / norm(step)

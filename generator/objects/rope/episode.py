@@ -12,6 +12,7 @@ from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.curve import first_direction, resample, smooth_curve, turned
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import sample_configuration
+from pliant.generator.portable import norm
 from pliant.generator.scene.scene_object import Pose
 from pliant.spec.arrays import FloatArray
 
@@ -102,7 +103,7 @@ class Episode:
             self._actions += 1
             self._action = action
         hand = action.hand()
-        lag = float(np.sqrt(((state.now[action.held] - hand) ** 2).sum()))
+        lag = norm(state.now[action.held] - hand)
         action.step(lag, 1.0 / settings.frame_rate_hz, settings.diameter_m)
         stray = float(outside_by(state.chain[:, :2], settings).max())
         if action.kind != "gather" and stray > _STRAY_LENGTHS * settings.length_m:

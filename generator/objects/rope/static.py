@@ -14,6 +14,7 @@ from pliant.generator.objects.rope.curve import (
     arc_length,
     automatic_handles,
     bezier_curve,
+    first_direction,
     resample,
     tightest_bend,
 )
@@ -98,9 +99,8 @@ def ball_centre_of(centreline: FloatArray, settings: RopeSettings) -> FloatArray
     Returns:
         float64 (3,), metres.
     """
-    out = centreline[0] - centreline[1]
-    out = out / math.sqrt(float((out**2).sum()))
-    centre = centreline[0] + BALL_DEPTH * settings.ball_radius_m * out
+    into = first_direction(centreline)
+    centre = centreline[0] - BALL_DEPTH * settings.ball_radius_m * into
     centre[2] = max(centre[2], settings.ball_radius_m)
     return np.asarray(centre)
 
