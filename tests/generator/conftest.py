@@ -73,3 +73,10 @@ def sheet() -> SceneObject:
         size_m=SIDE_M,
         thickness_m=0.002,
     )
+
+
+@pytest.fixture(params=["tube", "sheet"])
+def either(request: pytest.FixtureRequest) -> SceneObject:
+    """The tube, then the sheet."""
+    scene_object: SceneObject = request.getfixturevalue(request.param)
+    return scene_object
