@@ -36,10 +36,8 @@ FAULTLESS = DepthCameraSettings(
 )
 
 
-def draw(
-    depth_m: np.ndarray, settings: DepthCameraSettings, seed: int = 0, focal_px: float = 100.0
-) -> np.ndarray:
-    return depth_picture(np.random.default_rng(seed), depth_m, focal_px, 1.0, settings)
+def draw(depth_m: np.ndarray, settings: DepthCameraSettings, seed: int = 0) -> np.ndarray:
+    return depth_picture(np.random.default_rng(seed), depth_m, 100.0, 1.0, settings)
 
 
 def plate(height: int = 40, width: int = 60) -> np.ndarray:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import shutil
 
 import pyarrow as pa
@@ -26,18 +25,6 @@ def make(tmp_path):
         return TASK.folder(tmp_path)
 
     return run
-
-
-def test_every_file_is_listed_with_its_sum(make):
-    folder = make()
-    info = json.loads((folder / "sequence.json").read_text())
-    listed = {entry["path"]: entry for entry in info["files"]}
-    there = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
-    assert set(there) == {*listed, "sequence.json"}
-    assert len(listed) == 2 * 4 + 3
-    for name, entry in listed.items():
-        assert entry["bytes"] == there[name].stat().st_size
-        assert entry["sha256"] == sha256_file(there[name])
 
 
 def test_an_encoder_that_fails_fails_the_sequence(make, tmp_path, monkeypatch):

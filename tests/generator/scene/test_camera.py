@@ -22,13 +22,6 @@ def test_a_point_right_and_near_lands_right_and_below_the_middle() -> None:
     np.testing.assert_allclose(camera.centre_m, [0, 0, 2], atol=1e-12)
 
 
-def test_rotation_is_right_handed_and_rigid() -> None:
-    camera = looking_at((0.4, -0.8, 0.7), (0.1, 0, 0), (64, 48))
-    rotation = camera.world_to_camera[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("settings", [CameraSettings(oblique=0.0), CameraSettings(top=0.0)])
 def test_the_whole_object_is_framed(
     tube: SceneObject, sheet: SceneObject, settings: CameraSettings

@@ -125,13 +125,6 @@ def test_points_are_paired_by_the_reversal(kind: tuple[RopeSettings, RopeMesh]) 
     )
 
 
-def test_points_have_no_partners_with_the_ball() -> None:
-    settings = RopeSettings()
-    points = rope_points(settings, rope_mesh(settings))
-    assert points.partners.shape == (len(points.vertex), 0)
-    assert (points.object_id == 1).all()
-
-
 def test_ball_is_a_closed_sphere_with_its_pole_on_the_axis() -> None:
     rest, faces = ball_mesh(0.04)
     np.testing.assert_allclose(np.linalg.norm(rest, axis=1), 0.04)
