@@ -106,13 +106,11 @@ class LocalFeatureMatcher:
 
     Args:
         features: The local feature.
-        ratio: Threshold of the ratio test, in (0, 1].
     """
 
-    def __init__(self, features: LocalFeatures, *, ratio: float = LOWE_RATIO) -> None:
+    def __init__(self, features: LocalFeatures) -> None:
         self.name = features.name
         self._features = features
-        self._ratio = ratio
         self._dense: LRUCache[_Dense] = LRUCache(4)
         self._keypoints: LRUCache[Keypoints] = LRUCache(8)
 
@@ -121,7 +119,7 @@ class LocalFeatureMatcher:
         return {
             "name": self.name,
             **self._features.facts(),
-            "ratio": self._ratio,
+            "ratio": LOWE_RATIO,
             "dense_limit": DENSE_LIMIT,
             "without_a_choice": "centroid of the mask, or the image's centre",
         }
@@ -158,7 +156,7 @@ class LocalFeatureMatcher:
         """
         a, b = self._keypoints_of(source), self._keypoints_of(target)
         row_a, row_b, score = ratio_test(
-            a.descriptors, b.descriptors, self._features.metric, self._ratio
+            a.descriptors, b.descriptors, self._features.metric, LOWE_RATIO
         )
         return Matches(uv_a_px=a.uv_px[row_a], uv_b_px=b.uv_px[row_b], score=score)
 

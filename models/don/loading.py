@@ -12,7 +12,7 @@ from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.crossing_network import CrossingNetwork
-from pliant.models.networks.descriptor_network import DescriptorNetwork, build_network
+from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.training.checkpoint import (
     best_weights,
@@ -36,7 +36,7 @@ def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> Descr
         CallError: The pretrained weights cannot be found or do not fit.
     """
     loss = settings.loss
-    return build_network(
+    return DescriptorNetwork(
         settings.network,
         settings.pairs.network_input,
         initial_scale=loss.initial_scale,

@@ -150,13 +150,9 @@ class DonMatcher:
         position = self.decoded(found, in_view.view)
         return Decided(from_view, in_view, found, calibration, position)
 
-    def segmented(self, view: Frame) -> Frame:
-        """Return a view with masks found in its picture, see `RopeReader.masked`."""
-        return self.reader.masked(view)
-
     def object_mask(self, view: Frame) -> BoolArray | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
-        return self.segmented(view).mask
+        return self.reader.masked(view).mask
 
     def _answers(self, decided: Decided) -> Answers:
         """Return what the distribution says of the queries, in pixels of the target as seen."""

@@ -12,12 +12,12 @@ from torch.nn import functional
 
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.networks.canonical import CanonicalHead
+from pliant.models.networks.pretrained import load_pretrained
 from pliant.models.networks.resnet import DEPTHS, ResNetFCN
 from pliant.models.networks.unet import UNet
 from pliant.models.training.settings import Channels
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, OneOf, Refused
-from pliant.spec.errors import CallError
 
 ORIENTATION_CHANNELS: Final = 3
 """Direction (u, v) and sine, as `pliant.loaders.orientation` has them."""
@@ -77,19 +77,22 @@ class DescriptorNetwork(nn.Module):
         foreground: Whether the network predicts masks.
 
     Args:
-        settings: Which network.
-        channels_in: Channels of the input.
+        settings: Which network, and the weights to start from.
+        seen: Its input.
         initial_scale: First value of the scale (inverse temperature), > 0.
         learn_scale: False keeps it there.
         orientation: Also output the orientation of the material at every pixel.
         foreground: Also put out where the queried object and where any object is.
         canonical: The head that maps descriptors to material coordinates, or None.
+
+    Raises:
+        CallError: The pretrained weights cannot be found or do not fit.
     """
 
     def __init__(
         self,
         settings: NetworkSettings,
-        channels_in: int,
+        seen: NetworkInput,
         *,
         initial_scale: float = 1.0,
         learn_scale: bool = True,
@@ -105,11 +108,13 @@ class DescriptorNetwork(nn.Module):
         self.backbone: nn.Module
         if settings.name == "unet":
             shape = settings.widths, settings.global_blocks, settings.patch
-            self.backbone = UNet(channels_in, channels_out, *shape)
+            self.backbone = UNet(seen.channels, channels_out, *shape)
         else:
-            self.backbone = ResNetFCN(settings.name, channels_in, channels_out)
+            self.backbone = ResNetFCN(settings.name, seen.channels, channels_out)
         log_scale = torch.log(torch.tensor(float(initial_scale)))
         self.log_scale = nn.Parameter(log_scale, requires_grad=learn_scale)
+        if settings.pretrained:
+            load_pretrained(self, settings.name, settings.pretrained, seen)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Map images (N, C, h, w) to descriptors (N, D, h, w), float32."""
@@ -126,54 +131,6 @@ class DescriptorNetwork(nn.Module):
     def scale(self) -> torch.Tensor:
         """Inverse temperature of p = softmax(-scale * squared distance), a scalar."""
         return self.log_scale.exp()
-
-
-def build_network(
-    settings: NetworkSettings,
-    seen: NetworkInput,
-    *,
-    initial_scale: float = 1.0,
-    learn_scale: bool = True,
-    orientation: bool = False,
-    foreground: bool = False,
-    canonical: CanonicalHead | None = None,
-) -> DescriptorNetwork:
-    """Return a network with its starting weights.
-
-    Args:
-        settings: Which network, and where its weights start.
-        seen: Its input.
-        initial_scale: First value of the scale (inverse temperature).
-        learn_scale: False keeps it there.
-        orientation: Also output the orientation of the material at every pixel.
-        foreground: Also put out where the queried object and where any object is.
-        canonical: The head that maps descriptors to material coordinates, or None.
-
-    Raises:
-        CallError: The pretrained weights cannot be found or do not fit.
-    """
-    network = DescriptorNetwork(
-        settings,
-        seen.channels,
-        initial_scale=initial_scale,
-        learn_scale=learn_scale,
-        orientation=orientation,
-        foreground=foreground,
-        canonical=canonical,
-    )
-    if settings.pretrained:
-        from pliant.models.networks.pretrained import load_pretrained
-
-        loaded = load_pretrained(network, settings.pretrained, seen)
-        if loaded == 0:
-            raise CallError(
-                "none of the pretrained weights fits this network",
-                where="network.pretrained",
-                found=settings.pretrained,
-                required=f"weights of {settings.name} with the same settings of `network`",
-                fix="Copy `network` of the config.yaml that the weights were trained with.",
-            )
-    return network
 
 
 def pixel_grid(height: int, width: int, step: int, device: torch.device) -> torch.Tensor:

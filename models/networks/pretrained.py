@@ -22,7 +22,7 @@ _FIRST_LAYERS: Final = ("encoder.0.conv1.weight", "encoder.0.skip.weight", "conv
 _HEAD: Final = "head.weight"
 
 
-def load_pretrained(network: nn.Module, source: str, seen: NetworkInput) -> int:
+def load_pretrained(network: nn.Module, name: str, source: str, seen: NetworkInput) -> None:
     """Load what fits of some weights into a network.
 
     A tensor fits if its name (with or without `backbone.`) and shape agree. Two layers also fit
@@ -31,23 +31,22 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput) -> int:
 
     Args:
         network: The network, changed in place.
+        name: Its `NetworkSettings.name`, for messages.
         source: As `NetworkSettings.pretrained` describes.
         seen: The network's input.
 
-    Returns:
-        How many tensors were loaded, the scale of the distributional loss not counted.
-
     Raises:
-        CallError: The source is missing or unreadable.
+        CallError: The weights are missing or unreadable, or none fits (the scale of the
+            distributional loss does not count).
     """
     weights = read_weights(source)
     folder = Path(source) if Path(source).is_dir() else Path(source).parent
     given_input = _input_of_run(folder)
     own = network.state_dict()
     fitting = {}
-    for name, tensor in own.items():
-        short = name.removeprefix(_BACKBONE)
-        given = next((weights[n] for n in (name, short, _BACKBONE + name) if n in weights), None)
+    for key, tensor in own.items():
+        short = key.removeprefix(_BACKBONE)
+        given = next((weights[n] for n in (key, short, _BACKBONE + key) if n in weights), None)
         if given is None:
             continue
         if short in _FIRST_LAYERS:
@@ -56,10 +55,17 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput) -> int:
             rows = min(len(given), len(tensor))
             given = torch.cat([given[:rows].to(tensor.dtype), tensor[rows:]])
         if given is not None and given.shape == tensor.shape:
-            fitting[name] = given
+            fitting[key] = given
     network.load_state_dict(fitting, strict=False)
     logger.info("%d of %d tensors from %s", len(fitting), len(own), source)
-    return len(fitting.keys() - {"log_scale"})
+    if not fitting.keys() - {"log_scale"}:
+        raise CallError(
+            "none of the pretrained weights fits this network",
+            where="network.pretrained",
+            found=source,
+            required=f"weights of {name} with the same settings of `network`",
+            fix="Copy `network` of the config.yaml that the weights were trained with.",
+        )
 
 
 def _input_of_run(folder: Path) -> NetworkInput:

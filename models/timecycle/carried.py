@@ -96,7 +96,7 @@ class CarriedPoints:
             before = view
 
     def _with_mask(self, view: Frame) -> Frame:
-        return view if view.mask is not None else self._matcher.segmented(view)
+        return view if view.mask is not None else self._matcher.reader.masked(view)
 
     def _expected(self, points: Propagator, before: Frame, view: Frame) -> torch.Tensor | None:
         """Return where the flow takes the carried points and their support, cells (N, 2)."""

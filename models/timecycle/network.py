@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pliant.models.networks.descriptor_network import build_network, sample_descriptors
+from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 from pliant.models.timecycle.affinity import affinity
 from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import TimeCycleSettings
@@ -26,7 +26,7 @@ class TimeCycleNetwork(nn.Module):
         self.cells = settings.patch_cells
         self.temperature = settings.temperature
         seen = settings.clips.network_input
-        self.encoder = build_network(settings.network, seen, learn_scale=False)
+        self.encoder = DescriptorNetwork(settings.network, seen, learn_scale=False)
         self.localiser = MomentLocaliser(self.size, self.cells)
 
     def encode(self, images: torch.Tensor, stride: int | None = None) -> torch.Tensor:

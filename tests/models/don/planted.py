@@ -13,7 +13,7 @@ from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs
-from pliant.models.networks.descriptor_network import NetworkSettings, build_network
+from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkSettings
 from pliant.spec.dataset import Dataset
 from tests.known import known
 
@@ -24,7 +24,9 @@ def planted(
     backbone: nn.Module, size: tuple[int, int], answer: AnswerSettings, *, scale: float = 20.0
 ) -> DonMatcher:
     """Return a matcher that asks `backbone` for descriptors, at a size (w, h)."""
-    network = build_network(NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=scale)
+    network = DescriptorNetwork(
+        NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=scale
+    )
     network.backbone = backbone
     return DonMatcher(network, DonSettings(width=size[0], height=size[1], answer=answer))
 

@@ -21,7 +21,7 @@ from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, validate
-from pliant.models.networks.descriptor_network import NetworkSettings, build_network
+from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from pliant.viewer.explorer.layers import descriptor_colours
@@ -163,7 +163,7 @@ def test_colours_are_the_same_in_all_pictures() -> None:
 
 
 def test_matcher_is_in_evaluation_mode() -> None:
-    network = build_network(NetworkSettings(name="resnet18"), NetworkInput())
+    network = DescriptorNetwork(NetworkSettings(name="resnet18"), NetworkInput())
     assert not DonMatcher(network.train(), DonSettings()).network.training
 
 

@@ -54,4 +54,4 @@ def test_towels_are_found_to_their_edge_in_pictures_without_masks(from_above: li
         mask = known(frame.mask)
         assert overlap(found, mask) > 0.97
         assert overlap(resize_nearest(said, frame.size), mask) < 0.97
-        assert matcher.segmented(frame) is frame
+        assert matcher.reader.masked(frame) is frame

@@ -12,7 +12,6 @@ from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     NetworkSettings,
-    build_network,
     sample_descriptors,
 )
 from pliant.models.networks.pretrained import read_weights
@@ -31,7 +30,7 @@ def test_a_descriptor_and_an_orientation_at_every_pixel(name: str, kind: InputKi
     settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32))
     images = torch.randn(1, NetworkInput(kind).channels, 50, 66)
     for orientation in (False, True):
-        network = build_network(settings, NetworkInput(kind), orientation=orientation).eval()
+        network = DescriptorNetwork(settings, NetworkInput(kind), orientation=orientation).eval()
         with torch.inference_mode():
             out = network.described(images)
             assert torch.equal(network(images), out.descriptors)
@@ -71,7 +70,7 @@ def test_global_blocks_see_the_whole_image() -> None:
     image = torch.randn(1, 3, 64, 128, requires_grad=True)
     for blocks, seen in ((0, False), (1, True)):
         settings = NetworkSettings(widths=(8, 16, 32), global_blocks=blocks)
-        network = build_network(settings, COLOUR)
+        network = DescriptorNetwork(settings, COLOUR)
         for module in network.modules():  # group normalisation sees everything too, a little
             if isinstance(module, ConvBlock):
                 module.add_module("norm1", nn.Identity())
@@ -82,7 +81,7 @@ def test_global_blocks_see_the_whole_image() -> None:
 
 def test_patches_keep_the_size_of_the_output() -> None:
     settings = NetworkSettings(widths=(16, 32, 32), patch=2, descriptor_dim=3)
-    assert build_network(settings, COLOUR)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
+    assert DescriptorNetwork(settings, COLOUR)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
 
 
 def test_unknown_networks_are_refused() -> None:
@@ -115,7 +114,7 @@ def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
         save_file(given, path)
     torch.manual_seed(2)
     settings = NetworkSettings(name="resnet18", descriptor_dim=7, pretrained=str(path))
-    network = build_network(settings, COLOUR)
+    network = DescriptorNetwork(settings, COLOUR)
     torch.testing.assert_close(resnet_of(network).conv1.weight, given["conv1.weight"])
     block = resnet_of(network).layer3[1]
     assert isinstance(block, BasicBlock)
@@ -125,7 +124,7 @@ def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
 def test_colour_weights_serve_depth(tmp_path: Path) -> None:
     colour = ResNetFCN("resnet18", 3, 4)
     settings = NetworkSettings(name="resnet18", pretrained=saved(tmp_path, colour))
-    depth = resnet_of(build_network(settings, NetworkInput("depth", masks=True))).conv1.weight
+    depth = resnet_of(DescriptorNetwork(settings, NetworkInput("depth", masks=True))).conv1.weight
     torch.testing.assert_close(depth[:, 0], colour.conv1.weight.mean(dim=1))
     assert not depth[:, 1:].any()
 
@@ -162,12 +161,12 @@ def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     save_file({"other": torch.zeros(3)}, tmp_path / "w.safetensors")
     settings = NetworkSettings(widths=(8, 16, 32), pretrained=str(tmp_path / "w.safetensors"))
     with pytest.raises(CallError, match=r"none of the pretrained.*Copy `network`"):
-        build_network(settings, COLOUR)
+        DescriptorNetwork(settings, COLOUR)
 
 
 def test_scale_is_positive_and_learned_only_if_asked() -> None:
-    learned = build_network(SMALL, COLOUR, initial_scale=4.0)
-    fixed = build_network(SMALL, COLOUR, initial_scale=4.0, learn_scale=False)
+    learned = DescriptorNetwork(SMALL, COLOUR, initial_scale=4.0)
+    fixed = DescriptorNetwork(SMALL, COLOUR, initial_scale=4.0, learn_scale=False)
     assert float(learned.scale.detach()) == pytest.approx(4.0)
     assert learned.log_scale.requires_grad
     assert not fixed.log_scale.requires_grad
@@ -177,10 +176,10 @@ def test_scale_is_positive_and_learned_only_if_asked() -> None:
 def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path) -> None:
     settings = NetworkSettings(widths=(8, 16, 32))
     torch.manual_seed(1)
-    earlier = build_network(settings, COLOUR, initial_scale=2.5)
+    earlier = DescriptorNetwork(settings, COLOUR, initial_scale=2.5)
     source = saved(tmp_path, earlier)
     torch.manual_seed(2)
-    later = build_network(settings.replace(pretrained=source), COLOUR, initial_scale=1.0)
+    later = DescriptorNetwork(settings.replace(pretrained=source), COLOUR, initial_scale=1.0)
     image = torch.rand(1, 3, 32, 32)
     assert torch.equal(later(image), earlier(image))
     assert later.scale.item() == pytest.approx(2.5)
@@ -190,11 +189,11 @@ def test_a_colour_network_goes_on_with_grey_and_masks(tmp_path: Path) -> None:
     """On a grey picture, with no mask given, it answers as the colour network does."""
     settings = NetworkSettings(widths=(8, 16, 32), patch=2)
     torch.manual_seed(1)
-    earlier = build_network(settings, COLOUR, orientation=True)
+    earlier = DescriptorNetwork(settings, COLOUR, orientation=True)
     settings = settings.replace(pretrained=saved(tmp_path, earlier, "{input: rgb}"))
     torch.manual_seed(2)
     seen = NetworkInput("grey", masks=True)
-    later = build_network(settings, seen, orientation=True, foreground=True)
+    later = DescriptorNetwork(settings, seen, orientation=True, foreground=True)
     grey = torch.rand(1, 1, 32, 32)
     given = torch.cat([grey, torch.zeros(1, 2, 32, 32)], dim=1)
     before, after = earlier.described(grey.expand(-1, 3, -1, -1)), later.described(given)
@@ -206,10 +205,10 @@ def test_a_colour_network_goes_on_with_grey_and_masks(tmp_path: Path) -> None:
 def test_channels_of_two_inputs_are_matched_by_name(tmp_path: Path) -> None:
     """Twelve filters a patch on both sides: taken by position, red would serve as grey."""
     settings = NetworkSettings(widths=(8, 32), patch=2)
-    masked = build_network(settings, NetworkInput("depth", masks=True))
+    masked = DescriptorNetwork(settings, NetworkInput("depth", masks=True))
     source = saved(tmp_path, masked, "{input: depth, masks: true}")
     settings = settings.replace(pretrained=source)
-    grey = build_network(settings, NetworkInput("grey", masks=True))
+    grey = DescriptorNetwork(settings, NetworkInput("grey", masks=True))
     name = "backbone.encoder.0.conv1.weight"
     given, taken = masked.state_dict()[name], grey.state_dict()[name]
     assert not taken[:, :4].any()  # nothing is known of grey

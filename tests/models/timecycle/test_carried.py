@@ -60,9 +60,9 @@ def test_a_cloth_without_masks_is_found_by_its_own_network(rendered_dataset: Pat
     matcher = shipped_don("don-cloth")
     for number in range(3):
         frame = sequence[number]
-        found = known(matcher.segmented(frame.without_masks()).mask)
+        found = known(matcher.reader.masked(frame.without_masks()).mask)
         assert overlap(found, known(frame.mask)) > 0.8
-        assert matcher.segmented(frame) is frame
+        assert matcher.reader.masked(frame) is frame
 
 
 def test_only_networks_with_descriptors_carry_points() -> None:
