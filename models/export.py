@@ -17,7 +17,7 @@ from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.shipped import CARD
 from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
-from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS
+from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, TENSORBOARD
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import read_json
@@ -28,7 +28,6 @@ DATA_CONFIG: Final = "data.yaml"
 """The config that the training set was generated from; `pliant generate` takes it."""
 
 _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-_LOG: Final = "tensorboard"
 _LARGEST_HALF: Final = 65504.0
 
 
@@ -182,7 +181,7 @@ def training_seconds(run: Path) -> float | None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     total = 0.0
-    for path in (run / _LOG).glob("events.out.tfevents.*"):
+    for path in (run / TENSORBOARD).glob("events.out.tfevents.*"):
         events: Any = EventAccumulator(str(path))
         events.Reload()
         if "loss" in events.Tags()["scalars"]:

@@ -13,7 +13,7 @@ from pliant.baselines.answers import checked_matches
 from pliant.baselines.pixels import central_position
 from pliant.spec.answers import Answers, Matches
 from pliant.spec.arrays import FloatArray
-from pliant.spec.errors import CallError
+from pliant.spec.calls import check_whole
 from pliant.spec.frame import Frame, Pair
 
 _RIDGE: Final = 1e-3
@@ -42,8 +42,7 @@ class SparseMatcher:
         neighbours: int = 8,
         facts: Mapping[str, Any] | None = None,
     ) -> None:
-        if neighbours < 1:
-            raise CallError("too few neighbours", found=neighbours, required=">= 1")
+        check_whole("neighbours", neighbours, 1)
         self.name = name
         self._match = match
         self._neighbours = neighbours

@@ -12,7 +12,8 @@ from pliant.baselines.adapters.images import Images, as_probability, function_na
 from pliant.baselines.answers import to_array
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import Float32Array
-from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.calls import check_whole
+from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Frame, Pair
 
 TrackFunction = Callable[[Any, Float32Array], Any]
@@ -42,8 +43,8 @@ class TrackerMatcher:
         batch: int | None = None,
     ) -> None:
         for what, value, least in (("window", window, 2), ("batch", batch, 1)):
-            if value is not None and value < least:
-                raise CallError(f"this {what} is too small", found=value, required=f">= {least}")
+            if value is not None:
+                check_whole(what, value, least)
         self.name = name
         self._function, self._images = function, images
         self._window, self._batch = window, batch

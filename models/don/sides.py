@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 import torch
 
+from pliant.baselines.pixels import pixel_centres
 from pliant.models.don.decoding import Widths, mixture_of_modes
 from pliant.spec.arrays import FloatArray, Mask
 
@@ -49,8 +50,7 @@ def grid_of(mask: Mask, points: int = _GRID_POINTS) -> FloatArray:
         points: About how many.
     """
     step = max(1, int(np.sqrt(mask.sum() / points)))
-    v, u = np.nonzero(mask[step // 2 :: step, step // 2 :: step])
-    return np.stack([u, v], axis=1) * float(step) + step // 2 + 0.5
+    return pixel_centres(mask, step).astype(np.float64)
 
 
 @dataclass(frozen=True)
