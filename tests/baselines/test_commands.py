@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 from pliant.baselines import METHODS
-from pliant.baselines.controls import Identity
 from pliant.spec.io.parquet import read_footer, read_table
 from tests.baselines.conftest import Called
 
@@ -31,21 +30,6 @@ def test_predict_reports_as_json(cards_root: Path, tmp_path: Path, called: Calle
     assert code == 0
     assert document["rows"] == len(read_table(out, "matches"))
     assert document["method"] == read_footer(out)["method"]
-
-
-def test_run_folder_is_a_method(
-    cards_root: Path, tmp_path: Path, called: Called, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[Path] = []
-
-    def load_matcher(folder: Path) -> Identity:
-        asked.append(folder)
-        return Identity()
-
-    monkeypatch.setattr("pliant.models.load_matcher", load_matcher)
-    out = tmp_path / "run.parquet"
-    code, _, _ = called("predict", tmp_path, "--data", cards_root, "--out", out)
-    assert (code, asked) == (0, [tmp_path])
 
 
 @pytest.mark.parametrize(

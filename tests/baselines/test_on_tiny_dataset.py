@@ -20,18 +20,6 @@ pytestmark = pytest.mark.blender
 SPLIT = "test"
 
 
-@pytest.mark.parametrize("name", ["sift", "orb", "random"])
-def test_methods_are_scored_and_none_is_perfect(
-    name: str, tiny_dataset: Path, tmp_path: Path
-) -> None:
-    dataset = Dataset.open(tiny_dataset)
-    out = tmp_path / f"{name}.parquet"
-    predict(dataset, SPLIT, METHODS[name](), out)
-    assert evaluator.check(out, tiny_dataset) == []
-    rmse_px = known(evaluator.evaluate(out, tiny_dataset).overall["rmse_px"])
-    assert 1 < rmse_px < 200  # the diagonal of 160x120
-
-
 def test_matches_are_scored(tiny_dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "surf.parquet"
     done = predict(Dataset.open(tiny_dataset), SPLIT, METHODS["surf"](), out, "matches")

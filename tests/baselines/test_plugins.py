@@ -249,11 +249,9 @@ def test_missing_extra_is_listed(called: Called, monkeypatch: pytest.MonkeyPatch
         raise MissingExtraError("the method", "classical")
 
     monkeypatch.setitem(pliant.baselines.METHODS, "needy", make)
-    code, said, _ = called("methods", "--json")
-    rows = {row["name"]: row for row in json.loads(said)["methods"]}
-    assert code == 0
-    assert rows["needy"]["missing"] == "pip install 'pliant[classical]'"
-    assert rows["identity"]["missing"] is None
-    assert rows["don-rope"]["origin"] == "shipped model"
+    origins = {
+        row["name"]: row["origin"] for row in json.loads(called("methods", "--json")[1])["methods"]
+    }
+    assert origins["don-rope"] == "shipped model"
     shown = " ".join(called("methods")[1].split())
     assert "needy Method of another library. Missing here; install it with: pip install" in shown

@@ -69,24 +69,6 @@ def test_resume_is_proposed_where_there_is_a_checkpoint(
     assert fix in error
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [("tier=rope", "no such tier"), ("split=test", "no sequence in split 'test'")],
-)
-def test_wrong_calls_are_one_sentence(
-    sheet_dataset: Dataset,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    change: str,
-    message: str,
-) -> None:
-    data, out = str(sheet_dataset.root), str(tmp_path / "run")
-    assert run(["train", "don", "--data", data, "--out", out, "--set", change]) == 2
-    error = capfd.readouterr().err
-    assert message in error
-    assert "Traceback" not in error
-
-
 @pytest.mark.parametrize("config", ["steps: 5", "loss: {canonical_weight: 1.0}"])
 def test_predict_refuses_a_folder_without_weights(
     sheet_dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str], config: str

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -269,27 +267,6 @@ def test_unknown_and_damaged_models_are_refused(
     monkeypatch.setattr(shipped, "FOLDER", tmp_path)
     with pytest.raises(TrainingError, match="weights cannot be read"):
         load_shipped("don-x")
-
-
-WITHOUT_TORCH = """
-import sys
-from pathlib import Path
-sys.modules["torch"] = None
-from pliant.models import shipped
-shipped.FOLDER = Path(sys.argv[1])
-print(shipped.shipped_names())
-from pliant.cli.main import run
-sys.exit(run(["predict", "don-tiny", "--data", sys.argv[2], "--out", sys.argv[3]]))
-"""
-
-
-def test_names_are_listed_without_torch(models: Path, tiny_dataset: Path, tmp_path: Path) -> None:
-    paths = [str(models), str(tiny_dataset), str(tmp_path / "sub.parquet")]
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_TORCH, *paths], capture_output=True, text=True
-    )
-    assert done.stdout == "('don-tiny',)\n"
-    assert (done.returncode, "pip install 'pliant[train]'" in done.stderr) == (2, True), done.stderr
 
 
 def test_further_data_and_first_weights_are_named_without_paths(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import pliant
 from pliant.baselines import Frame, TrackMatcher
 from pliant.baselines.adapters import Images, as_matcher, from_tracker
 from pliant.spec.errors import CallError, SubmissionError
@@ -79,15 +77,6 @@ def test_frames_are_tensors_on_a_device() -> None:
         Pair(view, view, points)
     )
     np.testing.assert_allclose(found.uv_px, points, atol=1e-6)
-
-
-def test_episodes_are_tracked_and_scored(tiny_episode: Path) -> None:
-    def stay(frames: Any, points: Any) -> Any:
-        return np.tile(points, (len(frames), 1, 1))
-
-    found = pliant.predict(tiny_episode, from_tracker(stay, window=8))
-    identity = pliant.predict(tiny_episode, "identity")
-    np.testing.assert_allclose(found.answers.uv_px, identity.answers.uv_px, atol=1e-4)
 
 
 def test_object_with_track_alone_answers_pairs(motion: Motion) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from pliant.spec.frame import Frame, Pair
 from pliant.viewer.explorer.layers import descriptor_colours
 from tests.known import known
 from tests.loaders.sheet_dataset import sheet_map
-from tests.models.don.planted import SIZE, by_colour, drawn, within
+from tests.models.don.planted import SIZE, by_colour, within
 
 
 @pytest.mark.parametrize("decode", ["argmax", "median", "soft"])
@@ -140,15 +139,6 @@ def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
     assert np.hypot(peak[1] + 0.5 - answer[0], peak[0] + 0.5 - answer[1]) < 1.5
     assert np.isnan(heat.values[~known(pair.target.mask)]).all()
     assert 0 < heat.confidence <= 1
-
-
-def test_frames_of_two_datasets_are_not_confused(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    """A matcher remembers what it found in a frame by its `cache_key`."""
-    other = Dataset.open(shutil.copytree(sheet_dataset.root, tmp_path / "other"))
-    keys = []
-    for dataset in (sheet_dataset, other):
-        keys.append({pair.source.cache_key for pair in drawn(dataset, 4, 5)})
-    assert not keys[0] & keys[1]
 
 
 def test_colours_are_the_same_in_all_pictures() -> None:

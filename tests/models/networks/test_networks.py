@@ -17,7 +17,6 @@ from pliant.models.networks.descriptor_network import (
 from pliant.models.networks.pretrained import read_weights
 from pliant.models.networks.resnet import BasicBlock, ResNetFCN
 from pliant.models.networks.unet import ConvBlock
-from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 COLOUR = NetworkInput()
@@ -82,11 +81,6 @@ def test_global_blocks_see_the_whole_image() -> None:
 def test_patches_keep_the_size_of_the_output() -> None:
     settings = NetworkSettings(widths=(16, 32, 32), patch=2, descriptor_dim=3)
     assert DescriptorNetwork(settings, COLOUR)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
-
-
-def test_unknown_networks_are_refused() -> None:
-    with pytest.raises(CallError, match=r"network\.name"):
-        settings_from(NetworkSettings, {"name": "vgg"}, "network")
 
 
 def resnet_of(network: DescriptorNetwork) -> ResNetFCN:

@@ -76,13 +76,3 @@ def test_other_pairs_are_answered_in_one_step(
     path = tmp_path / "sub.parquet"
     predict(Dataset.open(tiny_dataset), "test", load_matcher(trained), path)
     assert run(["check", str(path), "--data", str(tiny_dataset)]) == 0
-
-
-def test_wrong_calls_are_one_sentence(
-    tiny_dataset: Path, tiny_episode: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    train = ["train", "timecycle", "--out", str(tmp_path / "run"), "--data"]
-    assert run([*train, str(tiny_dataset), "--set", "tier=rope"]) == 2
-    assert "no episode of 4 frames" in capfd.readouterr().err
-    assert run([*train, str(tiny_episode), "--resume"]) == 1
-    assert "no checkpoint to resume" in capfd.readouterr().err
