@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.cli.main import run
 from pliant.evaluator import check, evaluate, inspect
 from pliant.spec.io.parquet import read_footer
+from tests.baselines.conftest import Called
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
 Rows = list[dict[str, Any]]
@@ -61,25 +61,32 @@ FORMATS: dict[str, tuple[str, Callable[[Rows], bytes]]] = {
 }
 
 
-def made(path: Path, *options: str) -> int:
-    out = path.parent / "out.parquet"
-    return run(["submission", str(path), "--data", str(DATA), "--out", str(out), *options])
+Made = Callable[..., tuple[int, str, str]]
 
 
-def template(out: Path, *options: str) -> int:
-    return run(["submission", "--data", str(DATA), "--out", str(out), *options])
+@pytest.fixture
+def made(called: Called, tmp_path: Path) -> Made:
+    """Make `out.parquet` of a file's content; a template without one."""
+
+    def call(name: str = "", content: bytes | None = None, *options: str) -> tuple[int, str, str]:
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        file = [tmp_path / name] if name else []
+        out = tmp_path / "out.parquet"
+        return called("submission", *file, "--data", DATA, "--out", out, *options)
+
+    return call
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("shuffled", [False, True])
 def test_truth_in_any_format_scores_zero(
-    kind: str, shuffled: bool, rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, shuffled: bool, rows: Rows, tmp_path: Path, made: Made
 ) -> None:
     name, written = FORMATS[kind]
     order = np.random.default_rng(0).permutation(len(rows)) if shuffled else range(len(rows))
-    (tmp_path / name).write_bytes(written([rows[row] for row in order]))
-    assert made(tmp_path / name) == 0
-    said = capsys.readouterr().out
+    code, said, _ = made(name, written([rows[row] for row in order]))
+    assert code == 0
     assert ("left out: __index_level_0__" in said) == (kind == "pandas")
     assert check(tmp_path / "out.parquet", DATA) == []
     assert evaluate(tmp_path / "out.parquet", DATA).overall["rmse_px"] == 0
@@ -88,43 +95,40 @@ def test_truth_in_any_format_scores_zero(
 
 @pytest.mark.parametrize("suffix", ["csv", "jsonl"])
 def test_visible_may_be_true_and_false_as_pandas_and_json_write_it(
-    suffix: str, rows: Rows, tmp_path: Path
+    suffix: str, rows: Rows, tmp_path: Path, made: Made
 ) -> None:
     written = separated(",") if suffix == "csv" else FORMATS["JSON lines"][1]
     seen = [{**row, "visible": row["query_id"] % 2 == 0} for row in rows]
-    (tmp_path / f"mine.{suffix}").write_bytes(written(seen))
-    assert made(tmp_path / f"mine.{suffix}") == 0
-    made_of = pq.read_table(tmp_path / "out.parquet")
-    assert made_of["visible"].to_pylist() == [float(row["visible"]) for row in seen]
+    assert made(f"mine.{suffix}", written(seen))[0] == 0
+    table = pq.read_table(tmp_path / "out.parquet")
+    assert table["visible"].to_pylist() == [float(row["visible"]) for row in seen]
 
 
 @pytest.mark.parametrize("kind", [pa.int64(), pa.uint8(), pa.float16()])
 def test_positions_that_lose_half_a_pixel_are_refused_as_by_check(
-    kind: pa.DataType, rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: pa.DataType, rows: Rows, tmp_path: Path, made: Made
 ) -> None:
     column = pa.array([np.float16(row["v"]) for row in rows]).cast(kind, safe=False)
     table = pa.Table.from_pylist(rows)
     pq.write_table(table.set_column(3, "v", column), tmp_path / "mine.parquet")
-    assert made(tmp_path / "mine.parquet") == 1
-    error = capsys.readouterr().err
+    code, _, error = made("mine.parquet")
+    assert code == 1
     assert f"column v: positions of this type lose up to half a pixel; found {kind}; " in error
     assert "required: float32 or float64. The centre of the first pixel" in error
 
 
-def test_the_index_that_pandas_writes_is_left_out(
-    rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_index_that_pandas_writes_is_left_out(rows: Rows, made: Made) -> None:
+    indexed = [{"": number, **row} for number, row in enumerate(rows)]
+    code, said, _ = made("mine.csv", separated(",")(indexed))
+    assert code == 0
+    assert "Columns left out: (unnamed). " in said
+
+
+def test_rows_without_ids_are_in_the_order_of_the_queries(
+    rows: Rows, tmp_path: Path, made: Made
 ) -> None:
-    (tmp_path / "mine.csv").write_bytes(
-        separated(",")([{"": number, **row} for number, row in enumerate(rows)])
-    )
-    assert made(tmp_path / "mine.csv") == 0
-    assert "Columns left out: (unnamed). " in capsys.readouterr().out
-
-
-def test_rows_without_ids_are_in_the_order_of_the_queries(rows: Rows, tmp_path: Path) -> None:
     bare = [{"u": row["u"], "v": row["v"], "visible": 1, "sigma": 2.5} for row in rows]
-    (tmp_path / "mine.csv").write_bytes(separated(",")(bare))
-    assert made(tmp_path / "mine.csv", "--method", "ours") == 0
+    assert made("mine.csv", separated(",")(bare), "--method", "ours")[0] == 0
     scores = evaluate(tmp_path / "out.parquet", DATA)
     assert (scores.overall["rmse_px"], scores.method) == (0, "ours")
     assert pq.read_table(tmp_path / "out.parquet").column_names == [
@@ -159,13 +163,10 @@ def test_rows_without_ids_are_in_the_order_of_the_queries(rows: Rows, tmp_path: 
     ],
 )  # fmt: skip
 def test_a_wrong_table_names_row_and_column(
-    text: str, code: int, message: str, rows: Rows, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    path = tmp_path / "mine.csv"
-    path.write_bytes(text.encode(errors="surrogateescape"))
-    assert made(path) == code
-    error = capsys.readouterr().err
+    text: str, code: int, message: str, rows: Rows, tmp_path: Path, made: Made
+) -> None:
+    found, _, error = made("mine.csv", text.encode(errors="surrogateescape"))
+    assert found == code
     assert re.search(message.replace("{n}", str(len(rows))), error), error
     assert len(error) < 1000
     assert not (tmp_path / "out.parquet").exists()
@@ -183,53 +184,44 @@ def test_a_wrong_table_names_row_and_column(
         ("a.npy", None, "file not found"),
     ],
 )
-def test_other_files(
-    name: str, content: bytes | None, message: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    assert made(tmp_path / name) in (1, 2)
-    error = capsys.readouterr().err
+def test_other_files(name: str, content: bytes | None, message: str, made: Made) -> None:
+    code, _, error = made(name, content)
+    assert code in (1, 2)
     assert re.search(message, error), error
     assert "Traceback" not in error
 
 
-def test_some_answers_are_enough_where_that_is_said(rows: Rows, tmp_path: Path) -> None:
-    (tmp_path / "mine.csv").write_bytes(separated(",")(rows[3:7][::-1]))
-    assert made(tmp_path / "mine.csv", "--allow-missing") == 0
+def test_some_answers_are_enough_where_that_is_said(rows: Rows, tmp_path: Path, made: Made) -> None:
+    assert made("mine.csv", separated(",")(rows[3:7][::-1]), "--allow-missing")[0] == 0
     table = pq.read_table(tmp_path / "out.parquet")
     assert table["query_id"].to_pylist() == [row["query_id"] for row in rows[3:7]]
 
 
-def test_matches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "mine.tsv"
-    header = "score\tpair_id\tu_a\tv_a\tu\tv\n"
-    path.write_text(f"{header}0.5\t1\t2.5\t3.5\t4\t5\n0.25\t0\t1\t1\t2\t2\n")
-    assert made(path, "--kind", "matches") == 0
+def test_matches(tmp_path: Path, made: Made) -> None:
+    header = b"score\tpair_id\tu_a\tv_a\tu\tv\n"
+    two = header + b"0.5\t1\t2.5\t3.5\t4\t5\n0.25\t0\t1\t1\t2\t2\n"
+    assert made("mine.tsv", two, "--kind", "matches")[0] == 0
     table = pq.read_table(tmp_path / "out.parquet")
     assert table["pair_id"].to_pylist() == [0, 1]
     assert table["score"].to_pylist() == [0.25, 0.5]
     assert check(tmp_path / "out.parquet", DATA) == []
-    path.write_text(f"{header}0.5\t9999\t2.5\t3.5\t4\t5\n")
-    assert made(path, "--kind", "matches") == 1
-    assert "line 2: there is no such pair; found pair_id 9999" in capsys.readouterr().err
+    unknown = header + b"0.5\t9999\t2.5\t3.5\t4\t5\n"
+    code, _, error = made("mine.tsv", unknown, "--kind", "matches")
+    assert code == 1
+    assert "line 2: there is no such pair; found pair_id 9999" in error
 
 
-def test_a_file_that_is_no_submission_is_kept(rows: Rows, tmp_path: Path) -> None:
-    (tmp_path / "mine.csv").write_bytes(separated(",")(rows))
+def test_a_file_that_is_no_submission_is_kept(rows: Rows, tmp_path: Path, made: Made) -> None:
     (tmp_path / "out.parquet").write_text("precious")
-    assert made(tmp_path / "mine.csv") == 2
+    assert made("mine.csv", separated(",")(rows))[0] == 2
     assert (tmp_path / "out.parquet").read_text() == "precious"
 
 
-def test_unfilled_template_names_every_row(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "mine.parquet"
-    assert template(out) == 0
+def test_unfilled_template_names_every_row(tmp_path: Path, made: Made, called: Called) -> None:
+    out = tmp_path / "out.parquet"
+    code, said, _ = made()
+    assert code == 0
     queries = pq.read_table(DATA / "queries" / "test.parquet")
-    said = capsys.readouterr().out
     assert f"{len(queries):,} answers of" in said
     assert f"pliant check {out} --data {DATA}" in said
     problems = inspect(out, DATA)
@@ -238,26 +230,22 @@ def test_unfilled_template_names_every_row(
     assert "row 0 (pair 0, query 0)" in first.where
     assert "nan" in first.message
     assert "finite position" in first.message
-    assert run(["check", str(out), "--data", str(DATA)]) == 1
+    assert called("check", out, "--data", DATA)[0] == 1
 
 
-def test_a_dataset_without_queries_says_what_they_need(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_dataset_without_queries_says_what_they_need(tmp_path: Path, called: Called) -> None:
     data = shutil.copytree(DATA, tmp_path / "data")
     shutil.rmtree(data / "queries")
-    call = ["submission", "--data", str(data), "--out", str(tmp_path / "out.parquet")]
-    assert run(call) == 2
-    error = capsys.readouterr().err
+    code, _, error = called("submission", "--data", data, "--out", tmp_path / "out.parquet")
+    assert code == 2
     assert "no queries for split 'test'; required: a dataset with queries. They need two" in error
 
 
-def test_template_of_matches_has_a_row_a_pair(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "matches.parquet"
-    assert template(out, "--kind", "matches", "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+def test_template_of_matches_has_a_row_a_pair(tmp_path: Path, made: Made) -> None:
+    out = tmp_path / "out.parquet"
+    code, said, _ = made("", None, "--kind", "matches", "--json")
+    assert code == 0
+    document = json.loads(said)
     pairs = np.unique(pq.read_table(DATA / "queries" / "test.parquet")["pair_id"])
     assert document["rows"] == len(pairs) == len(pq.read_table(out))
     assert read_footer(out)["table"] == "matches"
