@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,11 @@ from pliant.baselines import METHODS, Answers, Frame, Pair, TrackMatcher
 from pliant.baselines.fused_tracker import FusedTracker
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError
+from tests.baselines.cards import Similarity, card_view
 from tests.known import known
 
 pytest.importorskip("cv2")
 
-ViewOf = Callable[..., Frame]
 STEPS = 24
 BAR = slice(60, 100)  # columns
 
@@ -46,13 +45,13 @@ class Exact:
 
 
 @pytest.fixture
-def moving(pose: Any, view_of: ViewOf) -> tuple[list[Any], list[Frame]]:
+def moving() -> tuple[list[Any], list[Frame]]:
     """A card that slides to the right, behind a bar that stands still."""
-    poses = [pose(centre=(90 + 2.5 * step, 100)) for step in range(STEPS)]
+    poses = [Similarity(centre=(90 + 2.5 * step, 100)) for step in range(STEPS)]
     bar = np.random.default_rng(5).integers(0, 256, (200, 40, 3)).astype(np.uint8)
     views = []
     for step, each in enumerate(poses):
-        rgb = view_of(each).rgb.copy()
+        rgb = card_view(each).rgb.copy()
         rgb[:, BAR] = bar
         views.append(Frame(rgb, key=str(step)))
     return poses, views

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,10 @@ import pytest
 
 from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher, Pair
 from pliant.baselines.features.local_features import LocalFeatureMatcher
-from pliant.spec.arrays import FloatArray
+from tests.baselines.cards import CARD_QUERIES, Motion, Similarity, card_view
 from tests.known import known
 
 CLASSICAL = ("sift", "surf", "orb")
-
-ViewOf = Callable[..., Frame]
 
 
 def method(name: str) -> LocalFeatureMatcher:
@@ -36,40 +33,28 @@ def method(name: str) -> LocalFeatureMatcher:
     ],
     ids=["slide", "turn", "turn and grow"],
 )
-def test_answers_follow_a_similarity(
-    name: str,
-    median_px: float,
-    motion: dict[str, Any],
-    pose: Any,
-    view_of: ViewOf,
-    card_queries: FloatArray,
-) -> None:
-    before, after = pose(), pose(**motion)
-    answers = method(name).answer(
-        Pair(view_of(before), view_of(after), before.place(card_queries).astype(np.float32))
-    )
-    error_px = np.hypot(*(answers.uv_px - after.place(card_queries)).T)
+def test_answers_follow_a_similarity(name: str, median_px: float, motion: dict[str, Any]) -> None:
+    moved = Motion(Similarity(), Similarity(**motion))
+    error_px = moved.error(method(name).answer(moved.pair).uv_px)
     assert np.median(error_px) < median_px
     assert (error_px < 3).mean() > 0.8
 
 
 @pytest.mark.parametrize(("name", "least"), [("sift", 0.98), ("orb", 0.9), ("surf", 0.8)])
-def test_keypoint_matches_follow_a_similarity(
-    name: str, least: float, pose: Any, view_of: ViewOf
-) -> None:
-    before, after = pose(), pose(angle_deg=45, centre=(121.7, 98.2))
-    found = method(name).match(view_of(before), view_of(after))
-    expected = after.place(before.locate(found.uv_a_px.astype(np.float64)))
+def test_keypoint_matches_follow_a_similarity(name: str, least: float) -> None:
+    moved = Motion(Similarity(), Similarity(angle_deg=45, centre=(121.7, 98.2)))
+    found = method(name).match(moved.source, moved.target)
+    expected = moved.move(found.uv_a_px.astype(np.float64))
     right = np.hypot(*(found.uv_b_px - expected).T) < 3
     assert len(right) > 25
     assert right.mean() > least
-    assert (np.abs(before.locate(found.uv_a_px)) < 64).all()
+    assert (np.abs(moved.before.locate(found.uv_a_px)) < 64).all()
     assert found.score.dtype == found.uv_a_px.dtype == found.uv_b_px.dtype == np.float32
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_keypoints_beside_the_object_are_left_out(name: str, pose: Any, view_of: ViewOf) -> None:
-    view = view_of(pose())
+def test_keypoints_beside_the_object_are_left_out(name: str) -> None:
+    view = card_view(Similarity())
     bare = Frame(rgb=view.rgb)
     left = Frame(rgb=view.rgb, mask=np.zeros(view.rgb.shape[:2], dtype=np.bool_))
     left.mask[:, :120] = True  # type: ignore[index]
@@ -101,8 +86,8 @@ def test_blank_and_tiny_images_are_answered(
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_object_of_one_pixel_is_the_answer(name: str, pose: Any, view_of: ViewOf) -> None:
-    view = view_of(pose())
+def test_object_of_one_pixel_is_the_answer(name: str) -> None:
+    view = card_view(Similarity())
     speck = np.zeros(view.rgb.shape[:2], dtype=np.bool_)
     speck[60, 90] = True
     answers = method(name).answer(
@@ -120,7 +105,7 @@ def test_queries_at_the_border_are_described(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_large_objects_are_searched_on_a_grid(name: str, pose: Any, view_of: ViewOf) -> None:
+def test_large_objects_are_searched_on_a_grid(name: str) -> None:
     rng = np.random.default_rng(0)
     rgb = np.repeat(rng.integers(0, 256, (160, 150, 1)).astype(np.uint8), 3, axis=2)  # 24,000 px
     heat = method(name).heat(Frame(rgb), Frame(rgb), np.array([75.5, 81.5], dtype=np.float32))
@@ -134,15 +119,12 @@ def test_large_objects_are_searched_on_a_grid(name: str, pose: Any, view_of: Vie
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
-def test_heat_peaks_at_the_answer(
-    name: str, pose: Any, view_of: ViewOf, card_queries: FloatArray
-) -> None:
-    before, after = pose(), pose(angle_deg=40)
+def test_heat_peaks_at_the_answer(name: str) -> None:
+    moved = Motion(Similarity(), Similarity(angle_deg=40))
+    source, target, query = moved.source, moved.target, moved.queries[:1]
     matcher = method(name)
     assert isinstance(matcher, HeatMatcher)
     assert isinstance(matcher, KeypointMatcher)
-    source, target = view_of(before), view_of(after)
-    query = before.place(card_queries).astype(np.float32)[:1]
     heat = matcher.heat(source, target, query[0])
     v, u = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
     assert matcher.answer(Pair(source, target, query)).uv_px.tolist() == [[u + 0.5, v + 0.5]]
@@ -156,15 +138,13 @@ def test_every_method_is_documented() -> None:
     assert {name for name in METHODS if not {name, name.upper()} & named} == set()
 
 
-def test_remembered_frames_change_nothing(
-    pose: Any, view_of: ViewOf, card_queries: FloatArray
-) -> None:
-    poses = [pose(angle_deg=angle) for angle in range(0, 70, 10)]
-    queries = poses[0].place(card_queries).astype(np.float32)
+def test_remembered_frames_change_nothing() -> None:
+    poses = [Similarity(angle_deg=angle) for angle in range(0, 70, 10)]
+    queries = poses[0].place(CARD_QUERIES).astype(np.float32)
     remembering, forgetting = method("orb"), method("orb")
     for index in (1, 2, 3, 4, 5, 6, 1, 6):  # more frames than are remembered
-        source, target = view_of(poses[0], "0"), view_of(poses[index], str(index))
+        source, target = card_view(poses[0], "0"), card_view(poses[index], str(index))
         np.testing.assert_array_equal(
             remembering.answer(Pair(source, target, queries)).uv_px,
-            forgetting.answer(Pair(view_of(poses[0]), view_of(poses[index]), queries)).uv_px,
+            forgetting.answer(Pair(card_view(poses[0]), card_view(poses[index]), queries)).uv_px,
         )

@@ -18,7 +18,7 @@ from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import PhotoMatch, grid_points, match_photo
-from tests.baselines.conftest import Similarity, card_view
+from tests.baselines.cards import Similarity, card_view
 from tests.viewer.test_photo_views import rope_on
 
 

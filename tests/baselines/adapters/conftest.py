@@ -2,49 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import Frame
 from pliant.spec.arrays import FloatArray
-from pliant.spec.frame import Pair
-
-Place = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A rendered pair and the exact motion: pixel of the source -> pixel of the target."""
-
-    source: Frame
-    target: Frame
-    queries: npt.NDArray[np.float32]
-    before: Any
-    after: Any
-
-    @property
-    def pair(self) -> Pair:
-        return Pair(self.source, self.target, self.queries)
-
-    def move(self, uv_px: npt.NDArray[Any]) -> FloatArray:
-        moved: FloatArray = self.after.place(self.before.locate(uv_px))
-        return moved
-
-    def error(self, found: npt.NDArray[np.float32]) -> FloatArray:
-        errors: FloatArray = np.linalg.norm(found - self.move(self.queries), axis=1)
-        return errors
+from tests.baselines.cards import Motion, Similarity
 
 
 @pytest.fixture
-def motion(pose: Any, view_of: Callable[..., Frame], card_queries: FloatArray) -> Motion:
-    before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
-    queries = before.place(card_queries).astype(np.float32)
-    return Motion(view_of(before, "before"), view_of(after, "after"), queries, before, after)
+def motion() -> Motion:
+    return Motion(Similarity(), Similarity(angle_deg=25, scale=0.9, centre=(122.3, 97.6)))
 
 
 def centres(height: int, width: int) -> FloatArray:

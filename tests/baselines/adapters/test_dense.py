@@ -11,7 +11,8 @@ from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_flow, from_warp
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Motion, centres, counted
+from tests.baselines.adapters.conftest import centres, counted
+from tests.baselines.cards import Motion
 from tests.known import known
 
 

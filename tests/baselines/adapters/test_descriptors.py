@@ -12,7 +12,8 @@ from pliant.baselines.adapters import Images, from_descriptors
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SubmissionError
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Motion, centres
+from tests.baselines.adapters.conftest import centres
+from tests.baselines.cards import Motion
 from tests.known import known
 
 

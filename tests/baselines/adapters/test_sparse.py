@@ -12,7 +12,8 @@ from pliant.baselines.adapters import Images, from_sparse
 from pliant.baselines.answers import checked_matches
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Motion, counted
+from tests.baselines.adapters.conftest import counted
+from tests.baselines.cards import Motion
 
 Floats = np.ndarray
 

@@ -11,7 +11,7 @@ from pliant.baselines import Frame, TrackMatcher
 from pliant.baselines.adapters import Images, as_matcher, from_tracker
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Motion
+from tests.baselines.cards import Motion
 from tests.known import known
 
 

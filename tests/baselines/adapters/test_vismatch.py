@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +16,7 @@ from pliant.baselines.predict import predict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
+from tests.baselines.cards import Motion, Similarity, card_view
 
 torch = pytest.importorskip("torch")
 
@@ -62,11 +62,11 @@ def package(monkeypatch: pytest.MonkeyPatch) -> dict[str, Shifted]:
 
 @pytest.mark.parametrize("name", ["scored", "sift-nn"])
 def test_matches_are_interpolated_in_pliant_s_pixels(
-    name: str, package: dict[str, Shifted], pose: Any, view_of: Callable[..., Frame]
+    name: str, package: dict[str, Shifted]
 ) -> None:
     method: Any = pliant.open_method(f"vismatch:{name}", keypoints=500)
     assert method.name == f"vismatch:{name}"
-    view = view_of(pose())
+    view = card_view(Similarity())
     bare = Frame(view.rgb)
     queries = np.array([[100.5, 90.5], [60, 71.25]], np.float32)
     np.testing.assert_allclose(
@@ -100,12 +100,8 @@ def test_what_is_not_there_is_said(package: dict[str, Shifted]) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["sift-nn", "orb-nn"])
-def test_the_package_itself(
-    name: str, pose: Any, view_of: Callable[..., Frame], card_queries: np.ndarray
-) -> None:
+def test_the_package_itself(name: str) -> None:
     pytest.importorskip("vismatch", reason="a user's install")
-    before, after = pose(), pose(angle_deg=40, centre=(121.7, 98.2))
+    moved = Motion(Similarity(), Similarity(angle_deg=40, centre=(121.7, 98.2)))
     method: Any = pliant.open_method(f"vismatch:{name}")
-    start = before.place(card_queries).astype(np.float32)
-    found = method.answer(Pair(view_of(before), view_of(after), start)).uv_px
-    assert np.median(np.hypot(*(found - after.place(card_queries)).T)) < 1.5
+    assert np.median(moved.error(method.answer(moved.pair).uv_px)) < 1.5
