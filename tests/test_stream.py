@@ -23,30 +23,20 @@ from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from tests.generator.runner.standin import InProcess
+from tests.generator.world import small
 
 torch = pytest.importorskip("torch", reason="streams need the extra 'train'")
 pytest.importorskip("numba", reason="streams need the extra 'generate'")
 
-SMALL: Any = {"width": 160, "height": 120, "style": "raster", "seed": 5}
+SMALL: Any = {"size": (160, 120), "splits": {"train": 2}, "seed": 5}
+CLOTH = ClothSettings(points_a_side=33, tracked_a_side=17)
 CONFIGS = {
-    "configurations": GenerateConfig(
-        tiers=("rope",), splits={"train": 2, "val": 1}, frames=2, noise=NoiseSettings(), **SMALL
+    "configurations": small(
+        **{**SMALL, "splits": {"train": 2, "val": 1}}, frames=2, noise=NoiseSettings()
     ),
-    "episodes": GenerateConfig(
-        tiers=("rope",),
-        splits={"train": 2},
-        frames=3,
-        episodes=True,
-        gripper=True,
-        **SMALL,
-    ),
-    "cloths": GenerateConfig(
-        tiers=("cloth-1",),
-        splits={"train": 2},
-        cloth=ClothSettings(points_a_side=33, tracked_a_side=17),
-        **SMALL,
-    ),
-}  # fmt: skip
+    "episodes": small(**SMALL, frames=3, episodes=True, gripper=True),
+    "cloths": small("cloth-1", **SMALL, cloth=CLOTH),
+}
 AUGMENTED = settings_from(AugmentSettings, {"rotate_deg": 20})
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,12 +33,7 @@ ALL = dict(commands(cli, "pliant"))
 @pytest.fixture(scope="module")
 def parts() -> dict[str, str]:
     """Heading -> what follows it, up to the next one."""
-    found = importlib.util.spec_from_file_location("command_line", HOOK)
-    assert found is not None
-    assert found.loader is not None
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
-    page = module.command_line()
+    page = runpy.run_path(str(HOOK))["command_line"]()
     split = re.split(r"^#+ (.*)$", page, flags=re.MULTILINE)
     return dict(zip(split[1::2], split[2::2], strict=True))
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.generator.config import GenerateConfig
 from pliant.generator.rendering import open_renderer
 from pliant.generator.rendering.depth_camera import (
     depth_picture,
@@ -22,6 +21,7 @@ from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.settings import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from tests.generator.world import small
 
 SIZE = (160, 120)
 VIEW = looking_at((0.1, -0.2, 0.8), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
@@ -73,9 +73,7 @@ def test_faults_follow_from_the_datasets_seed(tmp_path: Path, tube: SceneObject)
     truth = frame_truth(tube, tube.pose(0), VIEW)
     pictures = {}
     for seed in (1, 2):
-        config = GenerateConfig(
-            tiers=("rope",), frames=2, width=160, height=120, style="real-depth", seed=seed
-        )
+        config = small(size=SIZE, frames=2, style="real-depth", seed=seed)
         maker = SequenceMaker(config, tmp_path / str(seed))
         maker.renderer.begin(tube, APPEARANCE, VIEW)
         for index in range(2):

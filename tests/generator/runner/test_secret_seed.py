@@ -13,14 +13,12 @@ from pliant.spec.errors import CallError
 from pliant.spec.secrets import SECRET_SEED_FILE, read_secret_seed, seed_weakness
 from pliant.spec.validation.validate import validate
 from tests.generator.runner.standin import InProcess, digests
+from tests.generator.world import small
 
 
 @pytest.fixture
 def config() -> GenerateConfig:
-    return GenerateConfig(
-        tiers=("rope",), splits={"train": 1, "test": 1}, width=32, height=24, style="raster",
-        secret_seed=True,
-    )  # fmt: skip
+    return small(size=(32, 24), splits={"train": 1, "test": 1}, secret_seed=True)
 
 
 def test_a_secret_seed_is_in_no_file_but_its_own(config, tmp_path, capfd):
