@@ -13,14 +13,7 @@ from pliant.generator.objects.cloth.sampling import cloth_parts
 from pliant.generator.objects.cloth.surface import PART, cover_of, render_vertices
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.contact import STATIC_RULE, nearest_stretches
-from pliant.generator.objects.rope.curve import (
-    arc_length,
-    first_direction,
-    resample,
-    smooth_curve,
-    tightest_bend,
-    turned,
-)
+from pliant.generator.objects.rope.curve import arc_length, resample, tightest_bend
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import MIN_BEND_RADII, ball_centre_of
 from pliant.generator.scene.scene_object import Pose
@@ -98,7 +91,7 @@ class Rope:
         self._check(self._line)
         place = ball_centre_of(self._line, self.settings) if ball else None
         self._state = RopeState(self.settings, resample(line, self.settings.particles), place)
-        self._normal = upward_normal(self._line, 0.0)
+        self._state.normal = upward_normal(self._line, 0.0)
 
     def pull(
         self, s: float, to: Sequence[float], *, speed_m_s: float = 0.3, each: Each | None = None
@@ -128,14 +121,11 @@ class Rope:
 
     def pose(self) -> Pose:
         """Return the geometry as it is now."""
-        return self._body.pose(self._line, self._normal, self._state.ball, {})
+        return self._body.pose(self._line, self._state.normal, self._state.ball, {})
 
     def _advance(self, each: Each | None, held: int = -1, target: FloatArray | None = None) -> None:
-        tangent = first_direction(self._state.chain)
         self._state.advance(held, target)
-        self._normal = turned(self._normal, tangent, first_direction(self._state.chain))
-        smooth = smooth_curve(self._state.chain, self.settings.radius_m)
-        self._line = resample(smooth, self.settings.rows)
+        self._line = self._state.centreline()
         if each is not None:
             each()
 

@@ -26,6 +26,7 @@ from pliant.generator.objects.rope.constraints import (
     touch_ball,
 )
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
+from pliant.generator.objects.rope.curve import first_direction, resample, smooth_curve, turned
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.arrays import FloatArray, IntArray
 
@@ -97,6 +98,8 @@ class RopeState:
     Attributes:
         now: float64 (particles [+ 1 for the ball], 3), metres.
         before: The same one physics step earlier.
+        normal: float64 (3,), direction of theta = 0 at s = 0, zero until it is set. It turns with
+            the rope's first stretch, by no more than that does.
     """
 
     def __init__(self, settings: RopeSettings, curve: FloatArray, ball: FloatArray | None) -> None:
@@ -107,7 +110,9 @@ class RopeState:
             curve: float64 (particles, 3), equal arc length, metres.
             ball: float64 (3,), the ball's centre, or None.
         """
+        self.settings = settings
         self.physics = physics_of(settings)
+        self.normal = np.zeros(3)
         self.particles = len(curve)
         self.now = curve.copy() if ball is None else np.concatenate([curve, ball[None]])
         self.before = self.now.copy()
@@ -131,7 +136,14 @@ class RopeState:
             target: float64 (3,), where the hand wants it at the end of the frame, metres.
         """
         goal = np.zeros(3) if target is None else target
+        first = first_direction(self.chain)
         _frame(self.now, self.before, self._pairs, held, goal, self.physics)
+        self.normal = turned(self.normal, first, first_direction(self.chain))
+
+    def centreline(self) -> FloatArray:
+        """Return the smooth curve through the particles: float64 (rows, 3), metres, equal steps."""
+        smooth = smooth_curve(self.chain, self.settings.radius_m)
+        return resample(smooth, self.settings.rows)
 
 
 @compiled

@@ -9,12 +9,11 @@ import numpy as np
 
 from pliant.generator.objects.rope.actions import Action, next_action, outside_by
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
-from pliant.generator.objects.rope.curve import first_direction, resample, smooth_curve, turned
+from pliant.generator.objects.rope.curve import resample
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.portable import norm
 from pliant.generator.scene.scene_object import Pose
-from pliant.spec.arrays import FloatArray
 
 _SETTLE_FRAMES: Final = 30
 
@@ -59,8 +58,7 @@ class Episode:
         self.state = RopeState(settings, curve, made.ball_centre)
         for _ in range(_SETTLE_FRAMES):
             self.state.advance()
-        self._normal = upward_normal(self.state.chain, roll)
-        self._tangent = first_direction(self.state.chain)
+        self.state.normal = upward_normal(self.state.chain, roll)
         self._action: Action | None = None
         self._actions = 0
         self.frame = 0
@@ -86,13 +84,8 @@ class Episode:
             self._start()
         while self.frame < frame:
             self.step()
-        centreline = self.centreline()
-        return self._body.pose(centreline, self._normal, self.state.ball, self.info)
-
-    def centreline(self) -> FloatArray:
-        """Return the curve of the current frame: float64 (rows, 3), metres, equal steps."""
-        smooth = smooth_curve(self.state.chain, self._settings.radius_m)
-        return resample(smooth, self._settings.rows)
+        state = self.state
+        return self._body.pose(state.centreline(), state.normal, state.ball, self.info)
 
     def step(self) -> None:
         """Simulate the next frame."""
@@ -116,8 +109,4 @@ class Episode:
             target = action.hand()
             state.advance(action.held, target)
             self.info |= {"hand_m": target.tolist(), "d_action": (target - hand).tolist()}
-        # The surface turns with the rope's first stretch, by no more than that does.
-        tangent = first_direction(state.chain)
-        self._normal = turned(self._normal, self._tangent, tangent)
-        self._tangent = tangent
         self.frame += 1

@@ -20,10 +20,10 @@ SETTINGS = RopeSettings()
 def test_the_rules_hold_through_an_episode(shape: str) -> None:
     episode = Episode(RopeBody(SETTINGS), shape, lambda: np.random.default_rng(8))
     spacing = SETTINGS.length_m / (SETTINGS.particles - 1)
-    before = episode.centreline()
+    before = episode.state.centreline()
     for frame in range(600):
         episode.step()
-        line = episode.centreline()
+        line = episode.state.centreline()
         assert np.linalg.norm(np.diff(line, axis=0), axis=1).sum() == pytest.approx(
             SETTINGS.length_m, rel=0.03
         )
