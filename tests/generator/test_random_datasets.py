@@ -23,21 +23,16 @@ from tests.generator.runner.standin import InProcess
 SETS = int(os.environ.get("PLIANT_RANDOM_SETS", "500"))
 
 
-def check(number: int, out: Path, *styles: str) -> None:
-    config = draw_config(np.random.default_rng(number), *styles)
+QUICK = [*range(8), 375, 430]  # the last two have sharp folds
+LONG = [pytest.param(each, marks=pytest.mark.long) for each in range(SETS) if each not in QUICK]
+
+
+@pytest.mark.parametrize("number", [*QUICK, *LONG])
+def test_random_dataset(number: int, tmp_path: Path) -> None:
+    out = tmp_path / "data"
+    config = draw_config(np.random.default_rng(number))
     summary = generate(config, out, engine=InProcess())
     assert not summary.failed, summary.failed[0].error
     report = validate(out)
     assert not report.errors, report.issues[:3]
     assert len(Dataset.open(out).sequences) == len(config.tiers) * sum(config.counts.values())
-
-
-@pytest.mark.parametrize("number", [*range(8), 375, 430])  # the last two have sharp folds
-def test_random_dataset(number: int, tmp_path: Path) -> None:
-    check(number, tmp_path / "data", "raster", "real-depth")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", range(8, SETS))
-def test_many_random_datasets(number: int, tmp_path: Path) -> None:
-    check(number, tmp_path / "data", "raster", "real-depth")
