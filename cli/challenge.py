@@ -141,17 +141,11 @@ def credit(challenge: Challenge, team: str, attempts: int, phase: str | None) ->
 @path_option("--private", "PRIVATE", "Private half with corrected answers.")
 @click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
 @click.option("--reason", required=True, metavar="TEXT", help="Why; shown on the pages.")
-def rescore(
-    challenge: Challenge,
-    protocol: str | None,
-    private: Path | None,
-    phase: str | None,
-    reason: str,
-) -> None:
+def rescore(challenge: Challenge, **given: Any) -> None:
     """Score stored submissions by another protocol or truth, next to the scores they have."""
     from pliant.service.rescoring import rescore_challenge
 
-    versions, count = rescore_challenge(challenge, phase, protocol, private, reason)
+    versions, count = rescore_challenge(challenge, **given)
     names = ", ".join(f"{each.id} ({each.protocol}, truth {each.truth})" for each in versions)
     echo(f"Version {names}: {plural(count, 'submission')} to score.")
 

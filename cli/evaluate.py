@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -54,13 +54,10 @@ if TYPE_CHECKING:
 def command(
     submission: Path,
     data: Path,
-    truth: Path | None,
-    protocol: str | None,
     out: Path | None,
-    allow_missing: bool,
     hide_truth: bool,
-    workers: int,
     as_json: bool,
+    **given: Any,
 ) -> None:
     """Score SUB.parquet against its dataset.
 
@@ -79,17 +76,8 @@ def command(
     with terminated_like_interrupted(""):
         try:
             with progress_bar("Scoring", "pairs", hidden=as_json) as bar:
-                scores = evaluate(
-                    submission,
-                    data,
-                    truth=truth,
-                    protocol=protocol,
-                    allow_missing=allow_missing,
-                    hide_truth=hide_truth,
-                    limits=Limits(),
-                    workers=workers,
-                    progress=bar,
-                )
+                given |= {"hide_truth": hide_truth, "limits": Limits(), "progress": bar}
+                scores = evaluate(submission, data, **given)
         except SubmissionError as error:
             for issue in error.issues:
                 echo(str(issue), err=True)

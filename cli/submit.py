@@ -22,13 +22,7 @@ from pliant.cli.terminal import echo, echo_json, progress_bar
 @click.option("--no-wait", is_flag=True, help="Do not wait for the score.")
 @json_option
 def command(
-    submission: Path,
-    address: str,
-    token: str,
-    phase: str | None,
-    check_only: bool,
-    no_wait: bool,
-    as_json: bool,
+    submission: Path, address: str, token: str, no_wait: bool, as_json: bool, **given: Any
 ) -> int:
     """Send SUB.parquet, show its place in the queue, then its score.
 
@@ -39,7 +33,7 @@ def command(
 
     client = Client(address, token)
     with progress_bar("Sending", "bytes", hidden=as_json) as bar:
-        view = client.send(submission, phase=phase, check_only=check_only, progress=bar)
+        view = client.send(submission, progress=bar, **given)
     if not no_wait:
         view = client.wait(view, lambda text: None if as_json else echo(text, err=True))
     if as_json:

@@ -7,7 +7,6 @@ import functools
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any, Final
@@ -56,27 +55,23 @@ def figure_heading(figure: dict[str, Any]) -> Heading:
     return Heading(figure["label"], figure["about"], figure["unit"], figure["better"])
 
 
-@dataclass
 class Site:
     """What all requests share.
 
-    Attributes:
+    Args:
         challenge: The challenge.
         base_url: Address that others reach it by, or empty.
+
+    Attributes:
         throttle: Counts wrong tokens.
-        templates: The pages' templates.
         headers: Security headers of every answer.
     """
 
-    challenge: Challenge
-    base_url: str = ""
-    throttle: Throttle = field(default_factory=Throttle)
-    templates: jinja2.Environment = field(default_factory=_templates)
-    headers: dict[str, str] = field(init=False)
-    _cached: dict[Any, tuple[int, Any]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.headers = _security_headers(self.templates, self.https)
+    def __init__(self, challenge: Challenge, base_url: str = "") -> None:
+        self.challenge, self.base_url = challenge, base_url
+        self.throttle, self._templates = Throttle(), _templates()
+        self.headers = _security_headers(self._templates, self.https)
+        self._cached: dict[Any, tuple[int, Any]] = {}
 
     @property
     def database(self) -> Database:
@@ -100,7 +95,7 @@ class Site:
 
     def render(self, template: str, **values: Any) -> str:
         """Return a page."""
-        return self.templates.get_template(template).render(
+        return self._templates.get_template(template).render(
             title=self.title, settings=self.challenge.settings, **values
         )
 

@@ -221,17 +221,14 @@ def descriptor_colours(
     on = np.concatenate([m[mask] for m, mask in zip(maps, masks, strict=True)]).astype(np.float64)
     if len(on) == 0:
         return [np.ones((*mask.shape, 3)) for mask in masks]
-    mean = on.mean(axis=0)
-    _, _, directions = np.linalg.svd(on - mean, full_matrices=False)
-    directions = directions[:3]
-    if len(directions) < 3:  # fewer than three dimensions: the other channels are constant
-        directions = np.vstack([directions, np.zeros((3 - len(directions), on.shape[1]))])
-    low, high = np.percentile((on - mean) @ directions.T, [2, 98], axis=0)
-    spread = np.where(high > low, high - low, 1.0)
-    pictures = []
-    for m, mask in zip(maps, masks, strict=True):
-        colour = np.ones((*mask.shape, 3))
-        projected = (m[mask].astype(np.float64) - mean) @ directions.T
-        colour[mask] = np.clip((projected - low) / spread, 0.0, 1.0)
-        pictures.append(colour)
+    centred = on - on.mean(axis=0)
+    directions = np.linalg.svd(centred, full_matrices=False)[2][:3]
+    projected = np.zeros((len(on), 3))  # of fewer than three dimensions, the others are constant
+    projected[:, : len(directions)] = centred @ directions.T
+    low, high = np.percentile(projected, [2, 98], axis=0)
+    colours = np.clip((projected - low) / np.where(high > low, high - low, 1.0), 0.0, 1.0)
+    pictures = [np.ones((*mask.shape, 3)) for mask in masks]
+    ends = np.cumsum([np.count_nonzero(mask) for mask in masks])
+    for picture, mask, own in zip(pictures, masks, np.split(colours, ends[:-1]), strict=True):
+        picture[mask] = own
     return pictures
