@@ -11,10 +11,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("fastapi", reason="needs the extra 'service'")
+
+from sqlalchemy import Select
 
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
@@ -125,6 +128,11 @@ class Trial:
             found = identify(session, token)
         assert found is not None
         return found
+
+    def values(self, query: Select[Any]) -> list[Any]:
+        """Return the first column of what is in the database."""
+        with self.challenge.database.read() as session:
+            return list(session.scalars(query))
 
     def send(self, content: bytes, team: int = 0, *, check_only: bool = False) -> int:
         """Accept a file as the web process does, and return the submission's number."""

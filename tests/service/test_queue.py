@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from sqlalchemy import func, select, text
+from sqlalchemy import select, text
 
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
@@ -26,10 +26,9 @@ from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 
 def state_of(trial: Trial, number: int) -> Submission:
-    with trial.challenge.database.read() as session:
-        found = session.get_one(Submission, number)
-        session.expunge(found)
-        return found
+    found: Submission
+    (found,) = trial.values(select(Submission).where(Submission.id == number))
+    return found
 
 
 def end_leases(trial: Trial) -> None:
@@ -50,9 +49,8 @@ def test_many_workers_do_each_job_once(trial: Trial) -> None:
     with ThreadPoolExecutor(6) as pool:
         for each in [pool.submit(trial.work, count) for _ in range(6)]:
             each.result()
-    with trial.challenge.database.read() as session:
-        assert session.scalar(select(func.count()).select_from(Score)) == 10
-        assert set(session.scalars(select(Job.tries))) == {1}
+    assert len(trial.values(select(Score))) == 10
+    assert set(trial.values(select(Job.tries))) == {1}
     assert len(done) == 10
 
 
@@ -88,14 +86,13 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
 
 
 def test_position_counts_the_jobs_before(trial: Trial) -> None:
-    numbers = [trial.send(f"{number}".encode()) for number in range(3)]
-    with trial.challenge.database.read() as session:
-        found = [queue_position(session, session.get_one(Submission, n)) for n in numbers]
-    assert found == [1, 2, 3]
-    Worker(trial.challenge, quick).work_once()
-    with trial.challenge.database.read() as session:
-        found = [queue_position(session, session.get_one(Submission, n)) for n in numbers]
-    assert found == [None, 1, 2]
+    for number in range(3):
+        trial.send(f"{number}".encode())
+    for expected in ([1, 2, 3], [None, 1, 2]):
+        with trial.challenge.database.read() as session:
+            waiting = session.scalars(select(Submission).order_by(Submission.id))
+            assert [queue_position(session, each) for each in waiting] == expected
+        Worker(trial.challenge, quick).work_once()
 
 
 def test_a_worker_that_comes_back_late_changes_nothing(trial: Trial) -> None:
@@ -108,8 +105,7 @@ def test_a_worker_that_comes_back_late_changes_nothing(trial: Trial) -> None:
     assert not queue.renew(trial.challenge.database, lease, trial.challenge.settings.scoring)
     other = {1: {"overall": {"rmse_px": 99.0}}}
     slow._store(lease, Result(method="late", figures=other))
-    with trial.challenge.database.read() as session:
-        assert [each.main for each in session.scalars(select(Score))] == [12.34]
+    assert trial.values(select(Score.main)) == [12.34]
     assert state_of(trial, number).method == "quick"
 
 
@@ -166,9 +162,8 @@ def test_a_running_job_keeps_its_lease(make_trial: MakeTrial) -> None:
 
 
 def lease_end_ms(trial: Trial) -> int:
-    with trial.challenge.database.read() as session:
-        end = session.scalar(select(Job.lease_until_ms))
-    assert end is not None
+    end: int
+    (end,) = trial.values(select(Job.lease_until_ms))
     return end
 
 
@@ -196,6 +191,5 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     assert found.failure is not None
     assert told in found.failure
     assert "/srv" not in found.failure
-    with trial.challenge.database.read() as session:
-        assert session.scalar(select(Job.tries)) == tries
-        assert session.scalar(select(func.sum(LedgerEntry.amount))) == 0
+    assert trial.values(select(Job.tries)) == [tries]
+    assert trial.values(select(LedgerEntry.amount)) == [-1, 1]
