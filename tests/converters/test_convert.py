@@ -189,7 +189,7 @@ def test_lerobot(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(TARGETS) == TARGET_NAMES
     out = tmp_path / "my out"
-    call = ["convert", "sample", "--to", "tapvid", "--split", "val", "--out", str(out)]
+    call = ["convert", "sample", "--split", "val", "--to", "tapvid", "--out", str(out)]
     assert run(call) == 0
     shown = capsys.readouterr()
     assert "cannot hold" in shown.err
@@ -199,11 +199,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "not empty" in capsys.readouterr().err
     assert run([*call[:-1], str(tmp_path / "b"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["sequences"] == 2
-
-
-def test_the_file_to_open_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call = ["convert", "sample", "--to", "webdataset", "--split", "val", "--out", str(tmp_path)]
-    assert run(call) == 0
+    assert run([*call[:-3], "webdataset", "--out", str(tmp_path / "c")]) == 0
     opened = re.search(r'WebDataset\("(.+)"\)', capsys.readouterr().out)
     assert opened
     assert Path(opened[1].replace("SPLIT", "val")).is_file()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,19 @@ def folder(tmp_path: Path) -> Path:
 def application(annotation: Annotation, *, suggests: bool = False) -> Any:
     suggester = Suggester(annotation, Identity()) if suggests else None
     return partial(annotate_application, annotation, suggester)
+
+
+@contextmanager
+def shown(
+    browser: Browser, annotation: Annotation, *, suggests: bool = False, **size: Any
+) -> Iterator[str]:
+    """Show the page in a browser, by default 1200 px wide; yield its address."""
+    browser.errors()
+    with served(application(annotation, suggests=suggests)) as address:
+        browser.size(size.pop("width", 1200), 800, **size)
+        browser.open(address)
+        browser.wait("document.body.dataset.ready && image(0).complete")
+        yield address
 
 
 def test_marks_are_written_and_read_again(folder: Path) -> None:
@@ -142,11 +157,7 @@ def click_picture(browser: Browser, u: float, v: float) -> None:
 
 def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None:
     """Click, next picture, hidden by keyboard, undo, zoom, a new point."""
-    browser.errors()
-    with served(application(Annotation(folder, ["ball", "end"]))) as address:
-        browser.size(1200, 800)
-        browser.open(address)
-        browser.wait("document.body.dataset.ready && image(0).complete")
+    with shown(browser, Annotation(folder, ["ball", "end"])) as address:
         click_picture(browser, 100, 150)
         browser.wait("$('said').textContent.includes('1 mark saved')")
         assert browser.run("return chosen") == "end"
@@ -181,10 +192,7 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
 def test_a_second_window_does_not_undo_the_marks_of_the_first(
     browser: Browser, folder: Path
 ) -> None:
-    with served(application(Annotation(folder, ["ball", "end"]))) as address:
-        browser.size(1200, 800)
-        browser.open(address)
-        browser.wait("document.body.dataset.ready && image(0).complete")
+    with shown(browser, Annotation(folder, ["ball", "end"])) as address:
         first = browser.driver.current_window_handle
         browser.driver.switch_to.new_window("tab")
         browser.open(address)
@@ -217,10 +225,7 @@ def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, fol
     def sources() -> list[str]:
         return [row.split(",")[-1] for row in marks_of(folder) if row.startswith("three")]
 
-    with served(application(annotation, suggests=True)) as address:
-        browser.size(1200, 800)
-        browser.open(address)
-        browser.wait("document.body.dataset.ready")
+    with shown(browser, annotation, suggests=True):
         browser.keys("n")
         browser.keys("s")
         browser.wait(f"{said}.includes('3 points suggested')")
@@ -243,12 +248,8 @@ def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, fol
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [400, 1200])
 def test_the_page_fits_its_window(browser: Browser, folder: Path, width: int, dark: bool) -> None:
-    browser.errors()
     annotation = Annotation(folder, ["ball", "a point with quite a long name"])
-    with served(application(annotation)) as address:
-        browser.size(width, 800, dark=dark)
-        browser.open(address)
-        browser.wait("document.body.dataset.ready")
+    with shown(browser, annotation, width=width, dark=dark):
         assert browser.run("return document.documentElement.scrollWidth") <= width
         assert browser.run("return view.getBoundingClientRect().height") >= 240
         paper = browser.run("return getComputedStyle(document.body).backgroundColor")

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from pliant.baselines import METHODS, Answers, Frame, Heat
+from pliant.baselines import METHODS, Answers, Frame, Heat, Matcher
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run
 from pliant.spec.errors import CallError, SubmissionError
@@ -59,9 +59,14 @@ def test_a_strip_does_not_make_the_figure_one(
         assert max(figure.size) < 6 * min(figure.size)
 
 
-def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
+def on_itself(matcher: Matcher) -> tuple[PhotoMatch, Frame]:
+    """Match one point of a card to the same picture; return it too."""
     view = card_view(Similarity())
-    match = match_photo(Unsure(), view, view, [(100, 100)])
+    return match_photo(matcher, view, view, [(100, 100)]), view
+
+
+def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
+    match, view = on_itself(Unsure())
     document = match.as_dict()
     assert document["visible"] == pytest.approx(0.9)
     # Of the nearer mode, 1 - exp(-r^2 / 2 sigma^2) is within r: 2 % of 240 px, sigma 4 px.
@@ -78,11 +83,10 @@ def figure_text(match: PhotoMatch, view: Frame, out: Path) -> str:
 
 
 def test_figure_has_a_heat_map_where_the_method_has_one(tmp_path: Path) -> None:
-    view = card_view(Similarity())
     sizes = []
     for name in ("orb", "identity"):
         out = tmp_path / f"{name}.png"
-        match = match_photo(METHODS[name](), view, view, [(100, 100)])  # type: ignore[arg-type]
+        match, view = on_itself(METHODS[name]())  # type: ignore[arg-type]
         draw_match(match, view, view, out)
         with Image.open(out) as figure:
             sizes.append(figure.size)
@@ -105,9 +109,8 @@ def test_heat_maps_that_are_none_are_refused(
         def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
             return Heat(np.zeros(shape, np.float32), "similarity", confidence, "share")
 
-    view = card_view(Similarity())
     with pytest.raises(SubmissionError, match=message):
-        match_photo(Warm(), view, view, [(100, 100)])
+        on_itself(Warm())
 
 
 def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
@@ -144,9 +147,7 @@ def test_logarithms_are_drawn_down_to_nothing() -> None:
 def test_modes_of_no_weight_are_not_drawn() -> None:
     from matplotlib.figure import Figure
 
-    view = card_view(Similarity())
-    match = match_photo(Unsure(), view, view, [(100, 100)])
-    (point,) = match.points
+    (point,) = on_itself(Unsure())[0].points
     assert point.modes is not None
     assert _rings(Figure().subplots(), point) == 2
     point.modes[1, 3] = 0.01
@@ -355,11 +356,10 @@ class Strange(Identity):
 
 
 def test_an_unfamiliar_query_is_said(tmp_path: Path) -> None:
-    view = card_view(Similarity())
-    usual = match_photo(Strange(0.4), view, view, [(100, 100)])
+    usual, _ = on_itself(Strange(0.4))
     assert usual.warnings() == []
     assert usual.as_dict()["confidence"] == 0.9
-    match = match_photo(Strange(0.01), view, view, [(100, 100)])
+    match, view = on_itself(Strange(0.01))
     assert match.as_dict()["confidence"] == pytest.approx(0.009)
     assert "unlike what strange was trained on" in match.warnings()[0]
     assert "do not trust the answer" in figure_text(match, view, tmp_path / "figure.svg")
