@@ -16,7 +16,7 @@ from pliant.service import queue
 from pliant.service.database import now_ms
 from pliant.service.models import Job, LedgerEntry, Score, State, Submission
 from pliant.service.queue import lease_next
-from pliant.service.scoring import Result, Task, score
+from pliant.service.scoring import Result, Task, score, score_in_child
 from pliant.service.settings import Scoring
 from pliant.service.submissions import queue_position
 from pliant.service.worker import Worker
@@ -193,3 +193,24 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     assert "/srv" not in found.failure
     assert trial.values(select(Job.tries)) == [tries]
     assert trial.values(select(LedgerEntry.amount)) == [-1, 1]
+
+
+def hang(task: Task) -> Result:
+    time.sleep(3600)
+    return Result()
+
+
+def take_memory(task: Task) -> Result:
+    _ = bytearray(8 * 2**30)
+    return Result()
+
+
+@pytest.mark.parametrize(("what", "told"), [(hang, "too long"), (take_memory, "too much memory")])
+def test_limits_of_the_settings_end_a_scorer(
+    what: object, told: str, make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pliant.service.scoring.score", what)
+    trial = make_trial("scoring: {wall_s: 2, memory_gib: 1, tries: 1}\n")
+    number = trial.send(b"good")
+    trial.work(score_in_child)
+    assert told in str(state_of(trial, number).failure)
