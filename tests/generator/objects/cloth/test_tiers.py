@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from typing import get_args
 
 import numpy as np
 import pytest
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.objects.cloth.contact_pbd import PairContact
-from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
-from pliant.generator.objects.cloth.handling import Action, perform
-from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import shows_underside
-from pliant.generator.objects.cloth.simulator import Collider, Simulator
-from pliant.generator.objects.cloth.step import collide_table
 from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.cloth import COVERAGE_BANDS, ClothSettings, Variant
@@ -119,28 +112,6 @@ def test_faces_are_the_whole_sheet_facing_up() -> None:
     area = 0.5 * np.cross(b - a, c - a)
     assert (area[:, 2] > 0).all()
     assert area[:, 2].sum() == pytest.approx(1.0)
-
-
-def test_contact_keeps_the_layers_apart() -> None:
-    """One lift and drop of a coarse cloth, without contact and with it."""
-    side = 25
-    settings = ClothSettings(points_a_side=side, tracked_a_side=25)
-    faces, edges = grid_mesh(settings.grid)
-    crossings = {}
-    sheet = settings.sheet()
-    contact = PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction)
-    schemes: dict[str, tuple[Collider, ...]] = {"none": (), "contact": (contact.collide,)}
-    for name, own in schemes.items():
-        flat = flat_positions(sheet.grid, settings.side_m)
-        flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
-        colliders: list[Collider] = [*own, partial(collide_table, 0.001, 0.6)]
-        simulator = Simulator(sheet, flat, gravity=(0.0, 0.0, -9.8), colliders=colliders)
-        middle = (side // 2) * side + side // 2
-        for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
-            pass
-        simulator.run(int(sheet.steps_per_second))
-        crossings[name] = len(find_intersections(simulator.positions, faces, edges))
-    assert crossings["contact"] == 0 < crossings["none"]
 
 
 def test_alternate_sequences_show_either_side() -> None:
