@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from pliant.cli.main import run
 from pliant.converters import tapvid
 from pliant.evaluator.submission import loading
 from pliant.spec.limits import run_limited
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from tests.browser import Browser
 
+Refused = Callable[..., str]
 # One thread a process: the suite runs beside itself (pytest -n), and results must not depend
 # on how many threads a library takes.
 for _name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -146,6 +149,18 @@ def child_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of what reads strangers' files in a child process, as users do."""
     for module in (loading, tapvid):
         monkeypatch.setattr(module, "run_limited", run_limited)
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Call `pliant` in this process: exit code that it must have, arguments -> what it says."""
+
+    def call(code: int, *arguments: object) -> str:
+        capsys.readouterr()
+        assert run([str(each) for each in arguments]) == code
+        return capsys.readouterr().err
+
+    return call
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ import pytest
 
 from pliant.cli.main import COMMANDS, SECTIONS, main, run
 from pliant.spec.io.parquet import read_footer
+from tests.conftest import Refused
 
 PLUG_INS = {
     "at import": "import sys\nsys.exit(0)\n",
@@ -55,17 +56,12 @@ def test_a_plug_in_that_exits_is_an_error(
 
 @pytest.mark.parametrize(
     ("call", "suggestion"),
-    [
-        (["evalute"], "evaluate"),
-        (["train", "dn"], "don"),
-        (["valdate", "x"], "validate"),
-    ],
+    [(["evalute"], "evaluate"), (["train", "dn"], "don"), (["valdate", "x"], "validate")],
 )
 def test_a_misspelt_command_suggests_the_right_one(
-    call: list[str], suggestion: str, capsys: pytest.CaptureFixture[str]
+    call: list[str], suggestion: str, refused: Refused
 ) -> None:
-    assert run(call) == 2
-    shown = capsys.readouterr().err
+    shown = refused(2, *call)
     assert "Did you mean" in shown
     assert f"'{suggestion}'" in shown
 

@@ -7,20 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from pliant.cli.main import run
+from tests.conftest import Refused
 
-Refused = Callable[..., str]
+Rejected = Callable[..., str]
 
 
 @pytest.fixture
-def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
+def rejected(refused: Refused, tmp_path: Path) -> Rejected:
     """A function: source, options, exit code -> what is said; nothing may be written."""
 
-    def call(source: Path, *options: str, code: int = 1) -> str:
+    def call(source: Path, *options: object, code: int = 1) -> str:
         before = sorted(tmp_path.rglob("*"))
-        capsys.readouterr()
-        assert run(["import", str(source), "--out", str(tmp_path / "no"), *options]) == code
+        said = refused(code, "import", source, "--out", tmp_path / "no", *options)
         assert sorted(tmp_path.rglob("*")) == before
-        return capsys.readouterr().err
+        return said
 
     return call

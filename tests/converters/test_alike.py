@@ -15,7 +15,7 @@ from pliant import evaluate
 from pliant.converters.alike import alike
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_table
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.importing import imported
 
 CORNERS = ("corner0", "corner1", "corner2", "corner3")
@@ -123,6 +123,6 @@ def test_left_and_right_are_exchanged_together() -> None:
     assert swap.renamed["knee_right"] == "knee_left"
 
 
-def test_a_corner_that_is_not_annotated_is_named(tmp_path: Path, refused: Refused) -> None:
-    said = refused(artf(tmp_path), "--alike", "corner0,corner9", code=2)
+def test_a_corner_that_is_not_annotated_is_named(tmp_path: Path, rejected: Rejected) -> None:
+    said = rejected(artf(tmp_path), "--alike", "corner0,corner9", code=2)
     assert "found corner9; required: one of corner0, corner1" in said

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.conformance.edits import change_document
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, imported
 from tests.converters.test_pictures import photographs
 
@@ -82,7 +82,11 @@ def labelme(folder: Path) -> None:
     ],
 )
 def test_broken_labelme_files_are_named(
-    number: int | None, changes: dict[str, Any], said: str, tmp_path: Path, refused: Refused
+    number: int | None,
+    changes: dict[str, Any],
+    said: str,
+    tmp_path: Path,
+    rejected: Rejected,
 ) -> None:
     folder = photographs(tmp_path / "photos")
     labelme(folder)
@@ -93,7 +97,7 @@ def test_broken_labelme_files_are_named(
         elif file.stem == str(number):
             change_document(document, set=changes)
         file.write_text(json.dumps(document))
-    assert said in refused(folder)
+    assert said in rejected(folder)
 
 
 def test_labelme_files(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from pliant.cli.main import run
 from pliant.spec.io.parquet import read_table
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.importing import asked_and_true, imported
 from tests.folders import files_of
 
@@ -109,7 +109,7 @@ def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
     assert len(set(truth["pair_id"].to_pylist())) == 3
 
 
-def test_wrong_calls_are_one_sentence(tmp_path: Path, refused: Refused) -> None:
+def test_wrong_calls_are_one_sentence(tmp_path: Path, rejected: Rejected) -> None:
     source = knots_folder(tmp_path / "knots")
     sizes = {
         "9000x100": "found 9000x100; required: sides of at most 8,192 px",
@@ -117,9 +117,9 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, refused: Refused) -> None:
         **dict.fromkeys(("0x5", "5", "5x5x5", "-5x5"), "--size: the size"),
     }
     for size, said in sizes.items():
-        assert said in refused(source, "--size", size, code=2)
+        assert said in rejected(source, "--size", size, code=2)
     said = r"--title: the text has a control or bidirectional character; found \u202e"
-    assert said in refused(source, "--title", "a\u202eb", code=2)
+    assert said in rejected(source, "--title", "a\u202eb", code=2)
     (tmp_path / "no-truth").mkdir()
     (tmp_path / "no-truth" / "mine").touch()
-    assert "the output exists already" in refused(source, code=2)
+    assert "the output exists already" in rejected(source, code=2)

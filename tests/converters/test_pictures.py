@@ -12,7 +12,7 @@ from PIL import Image
 
 from pliant.cli.main import run
 from pliant.spec.io.parquet import read_table
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, imported
 
 # Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
@@ -92,7 +92,7 @@ def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
 
 
 def test_a_mask_that_could_be_of_another_picture_is_refused(
-    photos: Path, tmp_path: Path, refused: Refused
+    photos: Path, tmp_path: Path, rejected: Rejected
 ) -> None:
     """A list of polygons next to a mask is not one; two masks of one name are in doubt."""
     shown = {"a b": (40, 30), "b": (20, 30), "ç": (80, 20)}
@@ -105,12 +105,12 @@ def test_a_mask_that_could_be_of_another_picture_is_refused(
     imported(photos, tmp_path / "out", *option)
     Image.new("L", shown["b"], 255).save(masks / "b.tif")
     several = "b.tif: a picture has several files in the folder; found b.png, b.tif"
-    assert several in refused(photos, *option, code=2)
+    assert several in rejected(photos, *option, code=2)
     (masks / "b.tif").unlink()
     (photos / "b.tif").rename(photos / "a b.tif")
     (photos / "annotations.csv").write_text(CSV.replace("b.tif", "a b.tif"))
     one = "a b.png: one file in the folder is for two pictures"
-    assert one in refused(photos, *option, code=2)
+    assert one in rejected(photos, *option, code=2)
 
 
 def test_names_of_pictures_keep_their_spaces(photos: Path, tmp_path: Path) -> None:
@@ -122,14 +122,14 @@ def test_names_of_pictures_keep_their_spaces(photos: Path, tmp_path: Path) -> No
 
 
 def test_a_list_of_pairs_is_all_that_is_asked(
-    photos: Path, tmp_path: Path, refused: Refused
+    photos: Path, tmp_path: Path, rejected: Rejected
 ) -> None:
     (tmp_path / "pairs.csv").write_text("source,target\nç.webp,a b.JPG\n")
     option = ("--pair-list", str(tmp_path / "pairs.csv"))
     imported(photos, tmp_path / "out", *option)
     assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
     (tmp_path / "pairs.csv").write_text("source,target\n")
-    assert "pairs.csv: the list has no pairs" in refused(photos, *option)
+    assert "pairs.csv: the list has no pairs" in rejected(photos, *option)
 
 
 SOURCES = """picture,point,x,y,visible,source
@@ -141,7 +141,7 @@ b.tif,end,8,8,1,marked
 
 
 def test_suggestions_are_no_truth(
-    photos: Path, tmp_path: Path, refused: Refused, capsys: pytest.CaptureFixture[str]
+    photos: Path, tmp_path: Path, rejected: Rejected, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The ball of the first picture is a suggestion: nothing is known of it there."""
     (photos / "annotations.csv").write_text(SOURCES)
@@ -152,10 +152,10 @@ def test_suggestions_are_no_truth(
     }
     assert "1 marks were left out" in capsys.readouterr().out
     (photos / "annotations.csv").unlink()
-    assert "`pliant annotate DIR`, which writes annotations.csv" in refused(photos)
+    assert "`pliant annotate DIR`, which writes annotations.csv" in rejected(photos)
 
 
-def test_the_cloth_scripts_of_the_paper(tmp_path: Path, refused: Refused) -> None:
+def test_the_cloth_scripts_of_the_paper(tmp_path: Path, rejected: Rejected) -> None:
     """They write bare pixels, and the vertices under a fold as if they were seen."""
     folder = tmp_path / "cloth"
     for name in ("images", "image_masks"):
@@ -176,10 +176,10 @@ def test_the_cloth_scripts_of_the_paper(tmp_path: Path, refused: Refused) -> Non
     assert mask is not None
     assert np.argwhere(mask).tolist() == [[29, 7]]
     path.write_text(json.dumps({"1234": [0.1, 0.2, 0.3]}))
-    assert "from which the frames cannot be recovered" in refused(folder)
+    assert "from which the frames cannot be recovered" in rejected(folder)
 
 
-def test_masks_and_depth_are_kept(photos: Path, tmp_path: Path, refused: Refused) -> None:
+def test_masks_and_depth_are_kept(photos: Path, tmp_path: Path, rejected: Rejected) -> None:
     """Each is of the size of its picture; a resized one takes the nearest value, by hand here."""
     masks, depths = tmp_path / "masks", tmp_path / "depth"
     masks.mkdir()
@@ -213,7 +213,7 @@ def test_masks_and_depth_are_kept(photos: Path, tmp_path: Path, refused: Refused
     answer = read_table(done, "answers").to_pylist()[0]
     assert (answer["u"], answer["v"]) != (20.0, 15.0)  # the mask's middle, not the picture's
     (masks / "b.png").unlink()
-    assert "a picture has no file in the folder" in refused(photos, *options, code=2)
+    assert "a picture has no file in the folder" in rejected(photos, *options, code=2)
 
 
 def test_the_ball_in_a_mask_is_not_the_rope(

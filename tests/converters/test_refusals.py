@@ -12,7 +12,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.spec.io.yamlfiles import read_yaml
 from tests.conformance.edits import change_document
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.test_annotation_tools import coco
 from tests.converters.test_import import KNOTS, knots_folder
 from tests.converters.test_pictures import CSV, photographs
@@ -40,19 +40,21 @@ def written(folder: Path, of: str, **changes: Any) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case['of']}: {case['name']}")
-def test_what_is_broken_is_refused(case: dict[str, Any], tmp_path: Path, refused: Refused) -> None:
+def test_what_is_broken_is_refused(
+    case: dict[str, Any], tmp_path: Path, rejected: Rejected
+) -> None:
     changes = {key: value for key, value in case.items() if key not in ("name", "says")}
-    assert case["says"] in refused(written(tmp_path / "source", **changes))
+    assert case["says"] in rejected(written(tmp_path / "source", **changes))
 
 
-def test_a_number_or_a_field_without_end(tmp_path: Path, refused: Refused) -> None:
+def test_a_number_or_a_field_without_end(tmp_path: Path, rejected: Rejected) -> None:
     document = coco()
     document["annotations"][1]["keypoints"][0] = 10**400
     folder = photographs(tmp_path / "coco")
     (folder / "export.json").write_text(json.dumps(document))
     long = written(tmp_path / "csv", "csv", old="ball,4.5", new="b" * 200_000 + ",4.5")
-    assert "annotations[1].keypoints[0]: a field" in refused(folder)
-    assert "line 2: the line" in refused(long)
+    assert "annotations[1].keypoints[0]: a field" in rejected(folder)
+    assert "line 2: the line" in rejected(long)
 
 
 def test_a_folder_whose_name_is_no_id_needs_one(

@@ -16,7 +16,7 @@ from pliant.cli.main import run
 from pliant.converters import tapvid
 from pliant.evaluator import evaluate
 from pliant.spec.errors import SpecError
-from tests.converters.conftest import Refused
+from tests.converters.conftest import Rejected
 from tests.converters.importing import asked_and_true, imported
 
 WIDTH, HEIGHT = 40, 30
@@ -106,10 +106,10 @@ def test_the_code_of_the_page_converts_a_pickle(
     approximately(asked_and_true(tmp_path / "out")[3:], EXPECTED)
 
 
-def test_clips_of_two_sizes_need_one(tmp_path: Path, refused: Refused) -> None:
+def test_clips_of_two_sizes_need_one(tmp_path: Path, rejected: Rejected) -> None:
     saved(tmp_path / "clips", "a")
     path = saved(tmp_path / "clips", "b", **tracks(60, 80)).parent
-    said = refused(path, code=2)
+    said = rejected(path, code=2)
     assert "found 40x30, 80x60" in said
     assert "Give --size WxH" in said
     dataset = imported(path, tmp_path / "out", "--size", "80x60", warned="COLOUR_LOST")
@@ -153,23 +153,23 @@ BROKEN_TRACKS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", BROKEN_TRACKS)
-def test_broken_tracks_are_named(case: str, tmp_path: Path, refused: Refused) -> None:
+def test_broken_tracks_are_named(case: str, tmp_path: Path, rejected: Rejected) -> None:
     changes, said = BROKEN_TRACKS[case]
-    assert said in refused(saved(tmp_path / "clips", **changes))
+    assert said in rejected(saved(tmp_path / "clips", **changes))
 
 
-def test_a_file_that_cannot_be_used_is_named(tmp_path: Path, refused: Refused) -> None:
+def test_a_file_that_cannot_be_used_is_named(tmp_path: Path, rejected: Rejected) -> None:
     np.savez(tmp_path / "part.npz", video=tracks()["video"])
     (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:300])
     saved(tmp_path / "clips").rename(tmp_path / "clips" / "x\udcff.npz")  # a byte 0xff
     (tmp_path / "film.mp4").write_bytes(b"film")
-    assert "this kind of file is not imported" in refused(tmp_path / "film.mp4", code=2)
+    assert "this kind of file is not imported" in rejected(tmp_path / "film.mp4", code=2)
     for name, said in (
         ("part.npz", "no points, occluded"),
         ("cut.npz", "the npz file cannot be read"),
         ("clips", "characters that cannot be printed; found 'x\\udcff'"),
     ):
-        assert said in refused(tmp_path / name)
+        assert said in rejected(tmp_path / name)
 
 
 def test_what_is_large_once_unpacked_is_refused_before(
@@ -183,11 +183,11 @@ def test_what_is_large_once_unpacked_is_refused_before(
 
 
 @pytest.mark.usefixtures("child_process")
-def test_a_size_that_lies_ends_at_the_limit_of_memory(tmp_path: Path, refused: Refused) -> None:
+def test_a_size_that_lies_ends_at_the_limit_of_memory(tmp_path: Path, rejected: Rejected) -> None:
     """The archive declares little, the array's header 8 TB."""
     header = np.lib.format.header_data_from_array_1_0(np.zeros(0, np.uint8))
     file = io.BytesIO()
     np.lib.format.write_array_header_1_0(file, {**header, "shape": (2**43,)})
     with zipfile.ZipFile(tmp_path / "lie.npz", "w") as archive:
         archive.writestr("video.npy", file.getvalue())
-    assert "lie.npz" in refused(tmp_path / "lie.npz")
+    assert "lie.npz" in rejected(tmp_path / "lie.npz")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from pliant.cli.main import run
 from pliant.service.challenge import Challenge
 from pliant.spec.dataset import Dataset
 from pliant.spec.validation.validate import validate
+from tests.conftest import Refused
 
 PLACES = {"a": (10.5, 12.5), "b": (40.5, 20.5), "c": (30.5, 33.5)}
 
@@ -100,12 +100,7 @@ def test_the_papers_say_what_is_known(published: Path) -> None:
     ],
 )
 def test_refusals(
-    imported: Path,
-    tmp_path: Path,
-    options: list[str],
-    words: str,
-    capsys: pytest.CaptureFixture[Any],
+    imported: Path, tmp_path: Path, options: list[str], words: str, refused: Refused
 ) -> None:
-    assert run(["publish", str(imported), "--out", str(tmp_path / "out"), *options]) == 2
-    assert words in capsys.readouterr().err
+    assert words in refused(2, "publish", imported, "--out", tmp_path / "out", *options)
     assert not list(tmp_path.iterdir())

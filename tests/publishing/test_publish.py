@@ -24,6 +24,7 @@ from pliant.spec.io.reading import read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import read_checksums
 from pliant.spec.validation.validate import validate
+from tests.conftest import Refused
 from tests.folders import files_of
 from tests.publishing.conftest import HELD_OUT, SETTINGS, printed
 from tests.publishing.croissant_check import croissant_problems
@@ -136,24 +137,23 @@ def test_a_sheet_of_the_public_half_leaves_the_hidden_depth_blank(
 
 
 def test_calls_that_make_no_sense_are_refused(
-    halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    halves: Any, tmp_path: Path, refused: Refused
 ) -> None:
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("x")
-    whole = str(halves.whole)
-    for arguments, code, words in (
-        ([whole, "--out", str(tmp_path / "full")], 2, "exists already"),
-        ([whole, "--out", str(halves.whole / "out")], 2, "inside the dataset"),
-        ([whole, "--out", str(tmp_path / "o"), "--hold-out", "tset"], 2, "unknown split"),
-        ([whole, "--out", str(tmp_path / "o"), "--hold-out", "train"], 2, "nothing to ask"),
-        ([whole, "--out", str(tmp_path / "o"), "--shard-size", "5XB"], 2, "size cannot be read"),
-        ([whole, "--out", str(tmp_path / "o"), "--date", "1 May"], 2, "date cannot be read"),
-        ([whole, "--out", str(tmp_path / "o"), "--author", "A\nB"], 2, r"character \x0a"),
-        ([str(halves.public), "--out", str(tmp_path / "o")], 2, "packed"),
-        ([str(tmp_path), "--out", str(tmp_path / "o")], 1, "not a Pliant dataset"),
+    whole, full, out = halves.whole, tmp_path / "full", tmp_path / "o"
+    full.mkdir()
+    (full / "file").write_text("x")
+    for code, words, *arguments in (
+        (2, "exists already", whole, "--out", full),
+        (2, "inside the dataset", whole, "--out", whole / "out"),
+        (2, "unknown split", whole, "--out", out, "--hold-out", "tset"),
+        (2, "nothing to ask", whole, "--out", out, "--hold-out", "train"),
+        (2, "size cannot be read", whole, "--out", out, "--shard-size", "5XB"),
+        (2, "date cannot be read", whole, "--out", out, "--date", "1 May"),
+        (2, r"character \x0a", whole, "--out", out, "--author", "A\nB"),
+        (2, "packed", halves.public, "--out", out),
+        (1, "not a Pliant dataset", tmp_path, "--out", out),
     ):
-        assert run(["publish", *arguments]) == code, arguments
-        assert words in capsys.readouterr().err
+        assert words in refused(code, "publish", *arguments)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["full"]
 
 
@@ -193,27 +193,25 @@ REFUSED: dict[str, tuple[str, Callable[[Path], Any], str]] = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_damaged_or_linked_dataset_is_not_published(
-    name: str, halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, halves: Any, tmp_path: Path, refused: Refused
 ) -> None:
     place, damage, message = REFUSED[name]
     copy = tmp_path / "copy"
     shutil.copytree(halves.whole, copy)
     damage(next(copy.glob("sequences/rope/*-test-*")) / place)
     for options in (["--hold-out", "test", "--answers-are-public"], []):
-        assert run(["publish", str(copy), "--out", str(tmp_path / "out"), *options]) == 1
-        assert re.search(message, capsys.readouterr().err)
+        said = refused(1, "publish", copy, "--out", tmp_path / "out", *options)
+        assert re.search(message, said)
     assert {p.name for p in tmp_path.iterdir()} <= {"copy", "elsewhere"}
 
 
 def test_a_guessable_seed_is_refused_unless_the_answers_are_public(
-    halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    halves: Any, tmp_path: Path, refused: Refused
 ) -> None:
-    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out")]
-    assert run([*arguments, "--hold-out", "test"]) == 2
-    assert "anybody can generate the held-out answers again" in capsys.readouterr().err
+    arguments = ("publish", halves.whole, "--out", tmp_path / "out", "--hold-out", "test")
+    assert "anybody can generate the held-out answers again" in refused(2, *arguments)
     assert list(tmp_path.iterdir()) == []
-    assert run([*arguments, "--hold-out", "test", "--answers-are-public"]) == 0
-    err = capsys.readouterr().err
+    err = refused(0, *arguments, "--answers-are-public")
     assert "Warning: the held-out answers are public" in err
     # 7 figures and 3 tiers: 100 * 10 * log2(9,000) / log2(160 * 120) = 923.2
     assert "100 submissions of 10 figures tell up to 923 positions" in err

@@ -30,6 +30,7 @@ from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
 from pliant.spec.errors import CallError, PliantError, SpecError
+from tests.conftest import Refused
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 
@@ -248,7 +249,7 @@ def test_protocols_of_a_phase_score_one_kind(
 
 
 def test_commands_of_the_host(
-    make_trial: MakeTrial, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    make_trial: MakeTrial, tmp_path: Path, refused: Refused, capsys: pytest.CaptureFixture[str]
 ) -> None:
     root = scored(make_trial()).challenge.root
     paths = [str(tmp_path / name) for name in ("backup", "all.tar", "again", "phrase", "empty")]
@@ -256,7 +257,7 @@ def test_commands_of_the_host(
     Path(phrase).write_text("secret\n")
     Path(empty).write_text("\n")
     assert run(["challenge", "credit", str(root), "Ada", "2"]) == 0
-    assert "phase test" in capfd.readouterr().out
+    assert "phase test" in capsys.readouterr().out
     assert run(["challenge", "backup", str(root), "--out", backup]) == 0
     assert run(["challenge", "archive", str(root), "--out", archived]) == 0
     secret = ["--passphrase-file", phrase, "--out"]
@@ -265,10 +266,8 @@ def test_commands_of_the_host(
     key = Path("keys", "receipts.private.pem")
     assert (Path(again) / key).read_bytes() == (root / key).read_bytes()
     assert run(["challenge", "upgrade", again]) == 0
-    capfd.readouterr()
     void = ["--passphrase-file", empty, "--out", f"{again}2"]
-    assert run(["challenge", "restore", archived, *void]) == 2
-    assert "the passphrase is empty" in capfd.readouterr().err
+    assert "the passphrase is empty" in refused(2, "challenge", "restore", archived, *void)
 
 
 def test_a_backup_replaces_nothing_but_a_backup_of_the_same_challenge(
@@ -334,22 +333,23 @@ def test_archives_contain_no_open_key_and_are_checked(
 
 
 def test_restore_names_what_is_no_archive(
-    tmp_path: Path, service_halves: Halves, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, service_halves: Halves, refused: Refused
 ) -> None:
     other, text, absent = (tmp_path / name for name in ("other.tar", "a.txt", "absent"))
     text.write_text("{}")
     with tarfile.open(other, "w") as tar:
         tar.add(text, "a.txt")
     out = tmp_path / "challenge"
-    for source, message in (
-        (service_halves.public, "not a backup or an archive of a challenge; found no challenge"),
-        (other, "not a backup or an archive of a challenge; found no challenge"),
-        (absent, "found nothing there"),
-        (text, "cannot be read; found file could not be opened successfully\n"),
+    neither = "not a backup or an archive of a challenge; found no challenge"
+    for code, source, message in (
+        (2, service_halves.public, neither),
+        (2, other, neither),
+        (2, absent, "found nothing there"),
+        (1, text, "cannot be read; found file could not be opened successfully\n"),
     ):
-        assert run(["challenge", "restore", str(source), "--out", str(out)]) > 0
-        assert f"{source}: " in (error := capfd.readouterr().err)
-        assert message in error
+        said = refused(code, "challenge", "restore", source, "--out", out)
+        assert f"{source}: " in said
+        assert message in said
         assert not out.exists()
 
 

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from pliant.cli.main import run
 from pliant.spec.errors import CallError
 from pliant.viewer.local_app import LocalServer, page_application, site_server
+from tests.conftest import Refused
 from tests.viewer.serving import ask, ask_for, below, served, serving
 
 
@@ -156,14 +156,14 @@ def test_browsers_are_kept_from_asking_others(site: str, page: str) -> None:
 
 
 def test_a_folder_that_is_no_site_is_refused(
-    tmp_path: Path, folder: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, folder: Path, refused: Refused
 ) -> None:
     with pytest.raises(CallError, match="pliant leaderboard REPORTS"):
         site_server(tmp_path)
-    assert run(["serve", str(tmp_path), "--no-browser"]) == 2
+    said = refused(2, "serve", tmp_path, "--no-browser")
+    assert "pliant leaderboard REPORTS --out SITE" in said
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(CallError, match="the port cannot be used"):
             LocalServer(lambda token: page_application(folder, [], token), taken.getsockname()[1])
-    assert "pliant leaderboard REPORTS --out SITE" in capfd.readouterr().err

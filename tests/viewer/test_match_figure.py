@@ -19,6 +19,7 @@ from pliant.spec.frame import Pair
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import PhotoMatch, grid_points, match_photo
 from tests.baselines.cards import Similarity, card_view
+from tests.conftest import Refused
 from tests.viewer.test_photo_views import rope_on
 
 
@@ -224,7 +225,9 @@ def test_a_reduced_picture_gives_positions_of_the_whole_one(
     assert found["warnings"] == []
 
 
-def test_several_points_and_a_grid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_points_and_a_grid(
+    tmp_path: Path, refused: Refused, capsys: pytest.CaptureFixture[str]
+) -> None:
     options = pair_of_cards(tmp_path)
     out = str(tmp_path / "figure.png")
     two = ["--at", "140.5,89.5", "--at", "100.5,80.5"]
@@ -235,22 +238,20 @@ def test_several_points_and_a_grid(tmp_path: Path, capsys: pytest.CaptureFixture
     mask = card_view(Similarity()).mask
     assert mask is not None
     assert all(mask[int(p["query_px"][1]), int(p["query_px"][0])] for p in grid["points"])
-    assert run(["match", "identity", *options, "--out", out]) == 2
-    assert run(["match", "identity", *options, *two, "--grid", "3", "--out", out]) == 2
-    assert "by --at U,V or by --grid N; found none" in capsys.readouterr().err
+    for given, what in (((), "none"), ((*two, "--grid", "3"), "both")):
+        said = refused(2, "match", "identity", *options, *given, "--out", out)
+        assert f"by --at U,V or by --grid N; found {what}" in said
 
 
 @pytest.mark.parametrize("name", ["source.png", "mask-target.png"])
 def test_a_figure_does_not_replace_its_own_pictures(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, refused: Refused
 ) -> None:
-    options = pair_of_cards(tmp_path)
+    call = ("match", "identity", *pair_of_cards(tmp_path), "--at", "140.5,89.5", "--out")
     before = (tmp_path / name).read_bytes()
     (tmp_path / "link.png").symlink_to(name)
     for out in (name, "link.png"):
-        point = ["--at", "140.5,89.5", "--out", str(tmp_path / out)]
-        assert run(["match", "identity", *options, *point]) == 2
-        assert "would replace a picture that it shows" in capsys.readouterr().err
+        assert "would replace a picture that it shows" in refused(2, *call, tmp_path / out)
     assert (tmp_path / name).read_bytes() == before
 
 

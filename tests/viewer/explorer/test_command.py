@@ -11,9 +11,7 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
-from pliant.cli.main import run
+from tests.conftest import Refused
 
 Submit = Callable[[Path, float], Path]
 
@@ -42,31 +40,26 @@ def test_it_serves_until_it_is_stopped(tiny_episode: Path, submit: Submit) -> No
 
 
 def test_what_is_wrong_is_one_sentence(
-    tiny_dataset: Path,
-    tiny_episode: Path,
-    submit: Submit,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
+    tiny_dataset: Path, tiny_episode: Path, submit: Submit, tmp_path: Path, refused: Refused
 ) -> None:
-    (tmp_path / "bad.parquet").write_bytes(b"PAR1")
-    data, of_other_data = str(tiny_dataset), str(submit(tiny_episode, 1.0))
-    other_truth = str(tiny_episode / "truth" / "test.parquet")
+    data, bad = tiny_dataset, tmp_path / "bad.parquet"
+    bad.write_bytes(b"PAR1")
+    other_truth = tiny_episode / "truth" / "test.parquet"
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        for call, code, message in (
-            ([str(tmp_path)], 1, "dataset.json"),
-            ([data, "sifd"], 2, "there is no method"),  # "sift", misspelled
-            ([data, "oracle"], 2, "pliant predict oracle"),
-            ([data, of_other_data], 1, "pliant check"),
-            ([data, str(tmp_path / "bad.parquet")], 1, "pliant check"),
-            ([data, "--truth", str(tmp_path / "bad.parquet")], 1, "bad.parquet"),
-            ([data, "--truth", other_truth], 1, "does not belong to these queries"),
-            ([data, "--truth", str(tmp_path)], 1, "or the file of a split's truth"),
-            ([data, "identity", "--port", str(taken.getsockname()[1])], 2, "the port cannot"),
+        for code, message, *call in (
+            (1, "dataset.json", tmp_path),
+            (2, "there is no method", data, "sifd"),  # "sift", misspelled
+            (2, "pliant predict oracle", data, "oracle"),
+            (1, "pliant check", data, submit(tiny_episode, 1.0)),
+            (1, "pliant check", data, bad),
+            (1, "bad.parquet", data, "--truth", bad),
+            (1, "does not belong to these queries", data, "--truth", other_truth),
+            (1, "or the file of a split's truth", data, "--truth", tmp_path),
+            (2, "the port cannot", data, "identity", "--port", taken.getsockname()[1]),
         ):
-            assert run(["explore", *call, "--no-browser"]) == code
-            (said,) = capfd.readouterr().err.strip().splitlines()
+            (said,) = refused(code, "explore", *call, "--no-browser").strip().splitlines()
             assert message in said
 
 
