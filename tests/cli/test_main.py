@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -72,13 +71,7 @@ def test_help_lists_every_command_in_its_section(capsys: pytest.CaptureFixture[s
     parts = [shown.index(f"\n{section}:\n") for section in SECTIONS]
     assert parts == sorted(parts)
     assert all(f"\n  {name} " in shown for name in COMMANDS)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_is_called_as_the_table_says(name: str) -> None:
-    module, about = COMMANDS[name]
-    assert importlib.import_module(module).command.help
-    assert about.endswith(".")
+    assert all(about.endswith(".") for _, about in COMMANDS.values())
 
 
 @pytest.mark.parametrize("call", [["methods"], ["info", "sample"]])  # by click, and by rich

@@ -19,7 +19,7 @@ from PIL import Image
 from pliant.cli.main import run
 from pliant.publishing import PublishSettings, publish
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SpecError
+from pliant.spec.errors import SpecError
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import read_checksums
@@ -148,6 +148,7 @@ def test_calls_that_make_no_sense_are_refused(
         (2, "unknown split", whole, "--out", out, "--hold-out", "tset"),
         (2, "nothing to ask", whole, "--out", out, "--hold-out", "train"),
         (2, "size cannot be read", whole, "--out", out, "--shard-size", "5XB"),
+        (2, "shards would be too small", whole, "--out", out, "--shard-size", "10"),
         (2, "date cannot be read", whole, "--out", out, "--date", "1 May"),
         (2, r"character \x0a", whole, "--out", out, "--author", "A\nB"),
         (2, "packed", halves.public, "--out", out),
@@ -260,8 +261,3 @@ def test_croissant_is_accepted_offline(halves: Any) -> None:
 
 def test_croissant_is_complete_and_true_to_the_files(halves: Any) -> None:
     assert list(croissant_problems(halves.public)) == []
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(CallError, match="too small"):
-        PublishSettings(shard_bytes=10)

@@ -61,20 +61,3 @@ def test_what_is_wrong_is_one_sentence(
         ):
             (said,) = refused(code, "explore", *call, "--no-browser").strip().splitlines()
             assert message in said
-
-
-def test_a_missing_extra_is_named(tiny_dataset: Path, tmp_path: Path) -> None:
-    """As in a base install, for every command that serves a page."""
-    (tmp_path / "index.html").write_text("a site")
-    calls = {"explore": tiny_dataset, "annotate": tmp_path, "serve": tmp_path}
-    named = [(name, str(path)) for name, path in calls.items()]
-    code = (
-        "import sys; sys.modules['uvicorn'] = sys.modules['starlette'] = None\n"
-        "from pliant.cli.main import run\n"
-        f"print([run([*call, '--no-browser']) for call in {named}])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stdout == "[2, 2, 2]\n"
-    said = done.stderr.strip().splitlines()
-    assert len(said) == 3
-    assert all("pip install 'pliant[explore]'" in line for line in said)

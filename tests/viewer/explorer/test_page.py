@@ -141,13 +141,6 @@ def test_a_damaged_file_is_named(page: Page) -> None:
     page.browser.wait("document.getElementById('status').textContent === 'depth.exr: damaged'")
 
 
-def test_the_background_has_no_answer(page: Page) -> None:
-    page.open(link_of(page.explorer))
-    page.browser.hover(*page.at(1, 1))
-    page.browser.wait("document.getElementById('status').textContent.includes('No object here')")
-    assert page.cell(0, 2) == "–"
-
-
 def test_a_click_pins_and_arrow_keys_move(page: Page) -> None:
     page.open(link_of(page.explorer))
     u, v = first_query(page.explorer)

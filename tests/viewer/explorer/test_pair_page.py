@@ -42,5 +42,6 @@ def test_a_file_shows_truth_and_recorded_answers_at_the_pointer(
     assert [float(each) for each in shown] == pytest.approx([x, y], abs=1.5)
     browser.hover(left + 1, top + 1)
     browser.wait("document.getElementById('status').textContent.includes('No object here')")
+    assert browser.run(f"return {CELLS}[0].children[2].textContent") == "–"
     assert browser.errors() == []
     assert not [each for each in browser.requests() if not each.startswith(("file:", "data:"))]
