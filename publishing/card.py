@@ -146,11 +146,6 @@ def _sharded(root: Path, folder: str, dataset: Dataset) -> list[tuple[str, str]]
 
 def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
     frames = sum(sequence.frames for sequence in dataset.sequences)
-    shown: dict[str, Mapping[str, Mapping[str, Any]]] = {
-        "frames": hub_features(FRAMES),
-        "pairs": hub_features(pairs.SCHEMA),
-    }
-    shown = {name: shown[name] for name in shown if (root / name).is_dir()}
     licence = str(dataset.info["licence"]).lower()
     listed = licence_url(dataset.info["licence"]) is not None
     return {
@@ -163,9 +158,13 @@ def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
         "dataset_info": [
             {
                 "config_name": name,
-                "features": [{"name": column, **_feature(kind)} for column, kind in of.items()],
+                "features": [
+                    {"name": column, **_feature(kind)}
+                    for column, kind in hub_features(schema).items()
+                ],
             }
-            for name, of in shown.items()
+            for name, schema in (("frames", FRAMES), ("pairs", pairs.SCHEMA))
+            if (root / name).is_dir()
         ],
     }
 

@@ -207,18 +207,16 @@ def _figures(protocol: Protocol, dataset: Dataset, split: str) -> list[dict[str,
     tiers = sorted({each.tier for each in dataset.sequences if each.split == split})
     of_tier = protocol.headline if len(tiers) == 1 else protocol.headline[:1]
     groups = [("overall", protocol.headline), *((tier, of_tier) for tier in tiers)]
-    found = []
-    for group, names in groups:
-        for name in names:
-            figure = protocol.figures[name]
-            found.append(
-                {
-                    "group": group,
-                    "metric": name,
-                    "label": figure.title,
-                    "unit": figure.unit,
-                    "better": figure.better,
-                    "about": figure.about,
-                }
-            )
-    return found
+    return [
+        {
+            "group": group,
+            "metric": name,
+            "label": figure.title,
+            "unit": figure.unit,
+            "better": figure.better,
+            "about": figure.about,
+        }
+        for group, names in groups
+        for name in names
+        for figure in [protocol.figures[name]]
+    ]

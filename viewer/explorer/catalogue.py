@@ -22,20 +22,6 @@ def catalogue(
     their number in the list. Each method has `errors`, one RMSE in pixels or null per pair.
     """
     number = {sequence.id: k for k, sequence in enumerate(dataset.sequences)}
-    pairs: list[list[Any]] = []
-    for split, found in queries.splits.items():
-        pairs += [
-            [
-                split,
-                pair.pair_id,
-                number[pair.source.sequence.id],
-                pair.source.index,
-                number[pair.target.sequence.id],
-                pair.target.index,
-                len(pair),
-            ]
-            for pair in found.pairs
-        ]
     return {
         "title": str(dataset.info.get("title") or dataset.id),
         "id": dataset.id,
@@ -46,7 +32,17 @@ def catalogue(
             [each.id, each.tier, each.split, each.shape, each.frames, each.temporal]
             for each in dataset.sequences
         ],
-        "pairs": pairs,
+        "pairs": [
+            [
+                split,
+                pair.pair_id,
+                *(number[pair.source.sequence.id], pair.source.index),
+                *(number[pair.target.sequence.id], pair.target.index),
+                len(pair),
+            ]
+            for split, found in queries.splits.items()
+            for pair in found.pairs
+        ],
         "methods": [_method(each, queries) for each in methods],
         "error_scale_px": list(ERROR_SCALE_PX),
     }
