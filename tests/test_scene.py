@@ -133,6 +133,8 @@ def test_films_that_do_not_go_together(tmp_path: Path) -> None:
         film.shoot()
     with pytest.raises(CallError, match="have one settings"):
         scene.write(films, tmp_path / "out")
+    with pytest.raises(CallError, match="no such setting changes them; found noise"):
+        films[0].write(tmp_path / "out", noise={})
     with pytest.raises(CallError, match="one size"):
         films[0].shoot(scene.camera((0, 0, 1), size=(80, 60)))
     assert not (tmp_path / "out").exists()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -205,6 +205,9 @@ class Film:
         return write([self], out, **about)
 
 
+_ABOUT: Final = ("title", "description", "licence", "version", "seed", "queries")
+
+
 def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **about: Any) -> Path:
     """Write films as the sequences of one dataset.
 
@@ -212,13 +215,15 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
         films: At least one; all of one kind of body with equal settings, one size and one style.
         out: The dataset's folder; new.
         id: The dataset's id.
-        about: More fields of a config, such as `title`, `licence`, `queries`.
+        about: More fields of a config: `title`, `description`, `licence`, `version`, `seed` (of
+            the queries), `queries`.
 
     Returns:
         The folder.
 
     Raises:
-        CallError: The folder is there, there are no pictures, or films do not go together.
+        CallError: The folder is there, there are no pictures, films do not go together, or a field
+            would say of the pictures what they do not show.
 
     Examples:
         >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)])
@@ -233,6 +238,12 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
         raise CallError("the folder is there already", path=out, fix="Name a new one.")
     if not films or not all(film.shots for film in films):
         raise CallError("there is nothing to write: no picture was taken", path=out)
+    if unknown := about.keys() - _ABOUT:
+        raise CallError(
+            "the pictures are taken already, and no such setting changes them",
+            found=", ".join(sorted(unknown)),
+            required=f"of {', '.join(_ABOUT)}",
+        )
     first = films[0]
     for film in films:
         for name, mine, theirs in (
