@@ -222,13 +222,10 @@ OTHER = "the images are shifted, or of another camera?"
     [
         ((0.5, 0.5), OPENCV),
         ((-0.5, 0), OPENCV),
-        ((0.54, -0.46), OPENCV),
         ((0.6, 0), OTHER),
-        ((0.5, 1), OTHER),
         ((1, 0), WHOLE),
         ((-2.04, 2.96), WHOLE),
         ((1, 0.2), OTHER),
-        ((1.5, 0), OTHER),
     ],
 )
 def test_the_cause_of_a_shift(offset: tuple[float, float], says: str) -> None:
@@ -252,24 +249,19 @@ THEY = "the depth images hold other depths than the tables: "
 @pytest.mark.parametrize(
     ("shown", "says"),
     [
-        (1049 * D, "the depth images are 1000 times depth_m: millimetres?"),
         (951 * D, "the depth images are 1000 times depth_m: millimetres?"),
-        (1051 * D, f"{THEY}they are about 1.05e+03 times depth_m"),
         (949 * D, f"{THEY}they are about 949 times depth_m"),
         (104.9 * D, "the depth images are 100 times depth_m: centimetres?"),
         (105.1 * D, f"{THEY}they are about 105 times depth_m"),
         (1.04e-3 * D, "the depth images are 0.001 times depth_m: kilometres?"),
-        (1.06e-3 * D, f"{THEY}they are about 0.00106 times depth_m"),
         (D * RAY, "the depth images have the length of the ray; required: planar z"),
         # Half of the points are 0.29 or 0.31 of their error away from the ray's length.
         (D * RAY * (1 + 0.45 * (RAY - 1)), "the depth images have the length of the ray; "),
         (D * RAY * (1 + 0.51 * (RAY - 1)), f"{THEY}they are about 1.4"),
         # Of a shift of 0.1 m half is 1.9 cm or 2.1 cm off.
-        (D + 0.1 + 0.019 * ALTERNATING, f"{THEY}they differ by about +100.0 mm"),
         (D - 0.1 + 0.019 * ALTERNATING, f"{THEY}they differ by about -100.0 mm"),
         (D + 0.1 + 0.021 * ALTERNATING, f"{THEY}of another frame or another camera?"),
         (D * (1.5 + 0.099 * ALTERNATING), f"{THEY}they are about 1.5 times depth_m"),
-        (D * (0.5 + 0.099 * ALTERNATING), f"{THEY}they are about 0.5 times depth_m"),
         (D * (1.5 + 0.101 * ALTERNATING), f"{THEY}of another frame or another camera?"),
     ],
 )

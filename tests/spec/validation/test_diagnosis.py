@@ -211,12 +211,10 @@ SIGNS = np.array([[1, -1], [-1, 1], [1, 1], [-1, -1]])
         (RIGHT_UV + np.array([-0.519, -0.481]), "differ by (-0.52, -0.48) px: OpenCV convention?"),
         (RIGHT_UV + np.array([-0.521, -0.5]), "differ by (-0.52, -0.50) px"),
         (RIGHT_UV + np.array([-0.5, 0.5]), "differ by (-0.50, +0.50) px: half a pixel too much?"),
-        (RIGHT_UV + np.array([0.5, 0]), "differ by (+0.50, +0.00) px"),
         (RIGHT_UV / SIZE + 0.0009, "are in [0, 1]: divided by the image size; multiply by it"),
         (RIGHT_UV / SIZE + 0.0012 * SIGNS, None),
         (2 * RIGHT_UV / SIZE - 1.0009, "are in [-1, 1]: normalised device coordinates"),
         (2 * RIGHT_UV / SIZE - 1 + 0.0012 * SIGNS, None),
-        (RIGHT_UV + 1.0 * SIGNS, "are rounded to pixels: positions are never rounded"),
         (RIGHT_UV + 0.5 * SIGNS, "are rounded to pixels: positions are never rounded"),
         (RIGHT_UV + 1.5 * SIGNS, None),
         (RIGHT_UV + 1.00004 * SIGNS, "are rounded to pixels: positions are never rounded"),
@@ -244,11 +242,8 @@ OFF = np.array([1, -1, 1, -1])
         (-RIGHT_Z * (1 + 0.99e-4 * OFF), "have a negative depth_m: the camera looks along -z "
                                          "(OpenGL)?"),
         (-RIGHT_Z * (1 + 1.01e-4 * OFF), None),
-        (RIGHT_Z * 1.3, "have the length of the ray as depth_m; required: planar z"),
         (RIGHT_Z * 1.00011, "have a depth_m of 1 times the camera-space z"),
         (RIGHT_Z + 0.001, "have a depth_m that differs by +0.0010 m"),
-        (RIGHT_Z - 0.5 + 0.4e-4 * OFF, "have a depth_m that differs by -0.5000 m"),
-        (RIGHT_Z - 0.5 + 3e-4 * OFF, None),
     ],
 )  # fmt: skip
 def test_limits_of_a_cause_of_depths(depth: FloatArray, cause: str | None) -> None:

@@ -100,7 +100,6 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (ON_ROPE, SELF | {"depth": 0.95}, True),  # behind another object than its own
         (ON_ROPE, OTHER | {"depth": 0.5}, False),
         (ON_ROPE, OTHER | FAR_ROPE | {"depth": 0.5}, True),
-        (image(), OTHER | {"depth": 0.5}, True),
         (with_rope_at(46, 25, of=image()), OTHER | {"depth": 0.5}, False),
         (with_rope_at(47, 25, of=image()), OTHER | {"depth": 0.5}, True),
         (with_rope_at(13, 25, of=image()), OTHER | {"depth": 0.5}, True),
@@ -112,12 +111,9 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (EMPTY, OTHER, True),
         (with_rope_at(46, 25, of=EMPTY), OTHER, False),
         (with_rope_at(46, 25, of=EMPTY), SELF, True),
-        (with_rope_at(46, 25, of=EMPTY), SELF | FAR_ROPE, False),
-        (with_rope_at(46, 25, of=EMPTY), OTHER | FAR_ROPE, True),
         # A rope of 12 cm is thinner than two pixels from 6 m on.
         (image(), SELF | FAR_ROPE | {"depth": 5.9}, True),
         (image(), SELF | FAR_ROPE | {"depth": 6.1}, False),
-        (EMPTY, OTHER | {"depth": 5.9}, True),
         (EMPTY, OTHER | {"depth": 6.1}, False),
         (EMPTY, OTHER | FAR_ROPE | {"depth": 6.1}, True),
         # Another object among the 5x5 pixels may hide it; beyond it does not lie behind its own.
@@ -125,12 +121,9 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (with_rope_at(33, 27, of=image()), OTHER | {"depth": 1.06}, True),
         (with_rope_at(28, 23, of=image()), OTHER | {"depth": 1.06}, False),
         (EDGE, OTHER | {"depth": 1.06}, True),
-        (with_rope_at(46, 25, of=EDGE), OTHER | {"depth": 1.06}, False),
         # What is seen is not hidden, unless it is in a fold of more than a footprint.
         (bent(0.00504, U), SELF | {"depth": 1.01}, True),
         (bent(0.00510, U), SELF | {"depth": 1.01}, False),
-        (bent(0.00504, V), SELF | {"depth": 1.01}, True),
-        (bent(0.00510, V), SELF | {"depth": 1.01}, False),
         (bent(0.00510, U, (V == 25.5)), SELF | {"depth": 1.01}, False),  # in its own row alone
         (bent(0.00510, V, (U == 30.5)), SELF | {"depth": 1.01}, False),
         (bent(0.00510, U, (V == 26.5)), SELF | {"depth": 1.01}, True),
@@ -142,9 +135,7 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
             for step, wrong in ((0.0299, True), (0.0301, False), (-0.0301, False))
         ],
         (image(depth_m=1 + 0.0301 * (U < 29)), SELF | {"depth": 1.01}, False),
-        (image(depth_m=1 + 0.0301 * (V < 24)), SELF | {"depth": 1.01}, False),
         (image(depth_m=1 + 0.5 * ((U > 33) | (U < 28))), SELF | {"depth": 1.01}, True),
-        (image(depth_m=1 + 0.5 * ((V > 28) | (V < 23))), SELF | {"depth": 1.01}, True),
         # which are those of the surface that is shown, here twice as far away, ...
         (image(depth_m=2 + 0.0599 * (U > 32)), SELF | {"depth": 2.01}, True),
         (image(depth_m=2 + 0.0601 * (U > 32)), SELF | {"depth": 2.01}, False),
@@ -156,7 +147,6 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (image(m0=U + 1.2 * (U > 32), m1=V + 2.06 * (U > 32)), SELF | {"depth": 1.01}, False),
         # or another object.
         (image(object_id=SHEET * (U < 32)), SELF | {"depth": 1.01}, False),
-        (image(object_id=SHEET * (U > 29)), SELF | {"depth": 1.01}, False),
         (image(object_id=SHEET * (U < 33)), SELF | {"depth": 1.01}, True),
     ],
 )
@@ -169,7 +159,6 @@ def test_what_hides_a_point(shown: Surface, point: dict[str, Any], wrong: bool) 
     [
         ((5.5, 6.5), (0, 6)),
         ((5.5, 6.5), (5, 0)),
-        ((5.5, 6.5), (21, 22)),
         ((54.5, 45.5), (59, 45)),
         ((54.5, 45.5), (54, 49)),
         ((54.5, 45.5), (38, 29)),
