@@ -12,8 +12,8 @@ import pytest
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from tests.conformance.edits import ROPE_TEST, change_rows, remove
+from tests.spec.conftest import DATASETS
 
-DATASETS = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "datasets"
 Copy = Callable[[str], Path]
 
 

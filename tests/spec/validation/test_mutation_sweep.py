@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from pliant.spec.validation.validate import validate
 from tests.conformance.corruption import corrupt, restore
 from tests.conformance.harmless import is_harmless
+from tests.spec.conftest import DATASETS
 
 PROCESS = Path("/proc/self")
-BASE = Path(__file__).resolve().parents[3] / "spec" / "conformance" / "datasets" / "full"
+BASE = DATASETS / "full"
 COUNT = int(os.environ.get("PLIANT_SWEEP", "400"))
 
 

@@ -16,7 +16,7 @@ from pliant.spec.model import Tier
 from pliant.spec.tables import POINTS
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.points import PointSet, check_points
-from pliant.spec.validation.rules.tables import check_table
+from pliant.spec.validation.rules.tables import CheckedTable, check_table
 from tests.spec.validation.world import DOCUMENT, places
 
 Rows = list[dict[str, Any]]
@@ -44,6 +44,19 @@ def write(path: Path, rows: Rows, footer: Any = FOOTER, **options: Any) -> Path:
         table.replace_schema_metadata({"pliant": text}), path / "points.parquet", **options
     )
     return path / "points.parquet"
+
+
+def checked(path: Path, rows: Rows, **options: Any) -> tuple[PointSet | None, Found]:
+    """Write a table of points and check it."""
+    findings = Findings()
+    points = check_points(write(path, rows, **options), TIER, findings.at("x"))
+    return points, places(findings)
+
+
+def opened(path: Path, max_rows: int = 7) -> tuple[CheckedTable | None, Found]:
+    findings = Findings()
+    table = check_table(path, "points", findings.at("x"), max_rows=max_rows)
+    return table, places(findings)
 
 
 def changed(*changes: tuple[int, dict[str, Any]]) -> Rows:
@@ -77,9 +90,8 @@ RANGE = "VALUE_OUT_OF_RANGE"
     ],
 )  # fmt: skip
 def test_a_row(rows: Rows, expected: Found, tmp_path: Path) -> None:
-    findings = Findings()
-    points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
-    assert places(findings) == expected
+    points, found = checked(tmp_path, rows)
+    assert found == expected
     assert (points is None) is bool(expected)
 
 
@@ -102,11 +114,10 @@ def test_a_row(rows: Rows, expected: Found, tmp_path: Path) -> None:
     ],
 )
 def test_partners(rows: Rows, expected: list[tuple[int, int]], tmp_path: Path) -> None:
-    findings = Findings()
-    points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
+    points, found = checked(tmp_path, rows)
     assert points is not None
     where = {("PARTNER_DISAGREES", f"row {row}, partners[{n}]") for row, n in expected}
-    assert set(places(findings)) == where
+    assert set(found) == where
 
 
 def test_a_partner_is_of_the_same_object_and_kind(tmp_path: Path) -> None:
@@ -124,14 +135,12 @@ def test_a_partner_is_of_the_same_object_and_kind(tmp_path: Path) -> None:
     ):
         rows = deepcopy(base)
         rows[change[0]].update(change[1])
-        findings = Findings()
-        check_points(write(tmp_path, rows), TIER, findings.at("x"))
-        assert [where for _, where in places(findings)] == expected
+        assert [where for _, where in checked(tmp_path, rows)[1]] == expected
 
 
 def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
     def read(rows: Rows, **options: Any) -> PointSet:
-        points = check_points(write(tmp_path, rows, **options), TIER, Findings().at("x"))
+        points, _ = checked(tmp_path, rows, **options)
         assert points is not None
         return points
 
@@ -168,44 +177,36 @@ def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
 def test_a_footer(footer: Any, expected: Found | None, tmp_path: Path) -> None:
     """A column more is an error, unless the footer says that a later version wrote it."""
     path = write(tmp_path, ROWS, footer)
-    findings = Findings()
-    table = check_table(path, "points", findings.at("x"), max_rows=7)
+    table, found = opened(path)
     assert table is not None
-    assert places(findings) == (expected or [])
+    assert found == (expected or [])
     assert dict(table.footer) == (footer if not expected else {})
     assert table.whole
     assert table.rows == 7
     more = pq.read_table(path).append_column("b", pa.array([0] * 7)).append_column(
         "a", pa.array([0] * 7))  # fmt: skip
     pq.write_table(more, path)
-    findings = Findings()
-    check_table(path, "points", findings.at("x"), max_rows=7)
     extra = [("COLUMN_EXTRA", "a"), ("COLUMN_EXTRA", "b")]
-    assert places(findings) == ([] if expected is None else expected + extra)
+    assert opened(path)[1] == ([] if expected is None else expected + extra)
 
 
 def test_columns(tmp_path: Path) -> None:
     path = write(tmp_path, ROWS)
-    table = pq.read_table(path)
-    changed_ = table.drop_columns(["m1"]).set_column(
-        1, "object", table.column("object").cast(pa.int64())
-    )
-    pq.write_table(changed_, path)
-    findings = Findings()
-    opened = check_table(path, "points", findings.at("x"), max_rows=7)
-    assert opened is not None
-    assert not opened.whole
-    assert places(findings) == [("COLUMN_TYPE", "object"), ("COLUMN_MISSING", "m1")]
-    findings = Findings()
-    assert check_points(path, TIER, findings.at("x")) is None
-    assert check_table(path, "points", findings.at("x"), max_rows=6) is None
-    assert places(findings)[-1] == ("FILE_TOO_LARGE", "")
+    rows = pq.read_table(path).drop_columns(["m1"])
+    wide = rows.column("object").cast(pa.int64())
+    pq.write_table(rows.set_column(1, "object", wide), path)
+    table, found = opened(path)
+    assert table is not None
+    assert not table.whole
+    assert found == [("COLUMN_TYPE", "object"), ("COLUMN_MISSING", "m1")]
+    assert check_points(path, TIER, Findings().at("x")) is None
+    assert opened(path, 6) == (None, [("FILE_TOO_LARGE", "")])
 
 
 def test_batches_carry_the_number_of_their_first_row(tmp_path: Path) -> None:
     path = write(tmp_path, ROWS, row_group_size=3)
-    opened = check_table(path, "points", Findings().at("x"), max_rows=7)
-    assert opened is not None
-    parts = [(start, batch.to_pydict()) for start, batch in opened.batches(["m0"])]
+    table, _ = opened(path)
+    assert table is not None
+    parts = [(start, batch.to_pydict()) for start, batch in table.batches(["m0"])]
     assert [start for start, _ in parts] == [0, 3, 6]
     assert [value for _, part in parts for value in part["m0"]] == [m0 for m0, _ in _WHERE]

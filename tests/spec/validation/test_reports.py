@@ -22,7 +22,6 @@ from pliant.spec.validation.rules.result import (
 )
 from pliant.spec.validation.validate import Report, _crashed, validate
 from tests.conformance.edits import ROPE_TEST, ROPE_TRAIN
-from tests.conformance.publications import pack
 from tests.conformance.steps import perform
 from tests.spec.validation.world import Found, rows_at, words
 
@@ -155,46 +154,37 @@ INDEX, LISTING, CLOTH = "index.parquet", "sequences.parquet", "cloth-1-train-000
 TWO = ("cameras.json", "correspondences.parquet")
 
 
-@pytest.mark.parametrize(
-    ("steps", "expected"),
-    [
-        ([{"write": INDEX, "text": "x"}], [("FILE_UNREADABLE", INDEX, "")]),
-        ([{"table": INDEX, "by": ["with_null", "id", 0]}], [("VALUE_NULL", INDEX, "id")]),
-        (
-            [{"footer": INDEX, "set": {"dataset.id": "other"}}, {"remove": LISTING}],
-            [("IDENTITY_DIFFERS", INDEX, "footer dataset"), *[("FILE_MISSING", LISTING, "")] * 2],
-        ),
-        (
-            [{"rows": INDEX, "repeat": {"0.files.0": {"path": "a/b/c"}}}],
-            [("PATH_UNSAFE", INDEX, f"{CLOTH}, a/b/c")],
-        ),
-        (
-            [{"rows": INDEX, "repeat": {"0.files.0": {"path": "notes"}}}],
-            [("FILE_EXTRA", f"sequences/cloth-1/{CLOTH}/notes", "")],
-        ),
-        (
-            [{"rows": INDEX, "set": {f"0.files.{k}.offset": 2**40 for k in range(2)}}],
-            [("INDEX_INVALID", INDEX, f"{CLOTH}, {name}") for name in TWO],
-        ),
-        ([{"rows": INDEX, "double": ["0.files.0"]}], [("INDEX_INVALID", INDEX, CLOTH)]),
-        # A sequence whose name is not safe is left packed.
-        (
-            [{"rows": LISTING, "set": {"0.tier": "../../up"}}],
-            [("TIER_UNKNOWN", LISTING, "row 0, tier")],
-        ),
-        (
-            [{"rows": each, "set": {"0.id": "../up"}} for each in (LISTING, INDEX)],
-            [("PATH_UNSAFE", LISTING, "row 0")],
-        ),
-    ],
-)
-def test_a_packed_dataset(steps: list[dict[str, Any]], expected: Found, copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    pack(root)
-    perform(root, steps)
-    report = validate(root, quick=True)
-    assert codes(report) == sorted(expected, key=lambda each: (each[1], each[2], each[0]))
-
+PACKED: list[tuple[list[dict[str, Any]], Found]] = [
+    ([{"write": INDEX, "text": "x"}], [("FILE_UNREADABLE", INDEX, "")]),
+    ([{"table": INDEX, "by": ["with_null", "id", 0]}], [("VALUE_NULL", INDEX, "id")]),
+    (
+        [{"footer": INDEX, "set": {"dataset.id": "other"}}, {"remove": LISTING}],
+        [("IDENTITY_DIFFERS", INDEX, "footer dataset"), *[("FILE_MISSING", LISTING, "")] * 2],
+    ),
+    (
+        [{"rows": INDEX, "repeat": {"0.files.0": {"path": "a/b/c"}}}],
+        [("PATH_UNSAFE", INDEX, f"{CLOTH}, a/b/c")],
+    ),
+    (
+        [{"rows": INDEX, "repeat": {"0.files.0": {"path": "notes"}}}],
+        [("FILE_EXTRA", f"sequences/cloth-1/{CLOTH}/notes", "")],
+    ),
+    (
+        [{"rows": INDEX, "set": {f"0.files.{k}.offset": 2**40 for k in range(2)}}],
+        [("INDEX_INVALID", INDEX, f"{CLOTH}, {name}") for name in TWO],
+    ),
+    ([{"rows": INDEX, "double": ["0.files.0"]}], [("INDEX_INVALID", INDEX, CLOTH)]),
+    # A sequence whose name is not safe is left packed.
+    (
+        [{"rows": LISTING, "set": {"0.tier": "../../up"}}],
+        [("TIER_UNKNOWN", LISTING, "row 0, tier")],
+    ),
+    (
+        [{"rows": each, "set": {"0.id": "../up"}} for each in (LISTING, INDEX)],
+        [("PATH_UNSAFE", LISTING, "row 0")],
+    ),
+]
+"""Steps after a dataset was packed -> the problems."""
 
 ROPES = f"{ROPE_TRAIN}/points.parquet", f"{ROPE_TEST}/points.parquet"
 QUERIES, TRUTH = "queries/test.parquet", "truth/test.parquet"
@@ -240,6 +230,7 @@ QUERIES, TRUTH = "queries/test.parquet", "truth/test.parquet"
             [{"remove": QUERIES}, {"link": TRUTH, "to": "nowhere"}],
             [("FILE_MISSING", QUERIES, ""), ("PATH_UNSAFE", TRUTH, "")],
         ),
+        *[("minimal", [{"call": "pack"}, *steps], expected) for steps, expected in PACKED],
     ],
 )
 def test_a_dataset_as_a_whole(

@@ -13,11 +13,21 @@ from pliant.spec.model import Tier
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.cameras import check_cameras
 from pliant.spec.validation.rules.tiers import check_tiers
+from tests.conformance.base import DIHEDRAL
 from tests.dataset_files import coordinate, tier
 from tests.spec.validation.world import DOCUMENT, TUBE, context, places
 
+OPEN, CLOSED = coordinate("a", 0, 1, 2), coordinate("b", -2, 2, 0.5, 4)
+
 Found = list[tuple[str, str]]
 Change = Callable[[dict[str, Any]], Any]
+
+
+def checked(*documents: dict[str, Any]) -> Findings:
+    """Return the problems of a dataset of these tiers."""
+    findings = Findings()
+    check_tiers([Tier.from_document(each) for each in documents], findings.at("dataset.json"))
+    return findings
 
 
 def matrix(number: int, value: Any, offset: Any = None) -> Change:
@@ -74,9 +84,7 @@ ONE = [[1, 0], [0, 1]]
 def test_tiers(change: Change, expected: Found) -> None:
     document = deepcopy(DOCUMENT)
     change(document)
-    other = deepcopy(DOCUMENT) | {"name": "other"}
-    findings = Findings()
-    check_tiers([Tier.from_document(d) for d in (other, document)], findings.at("dataset.json"))
+    findings = checked(DOCUMENT | {"name": "other"}, document)
     assert sorted(places(findings)) == sorted(expected)
 
 
@@ -88,9 +96,7 @@ def test_maps_are_the_same_to_a_hundred_thousandth_of_the_range() -> None:
             ([[-1, 0], [0, 1]], [2, 2 + off * 4e-5]),
         ):
             maps = [("first", matrix_, [offset[0], 2]), ("second", matrix_, offset)]
-            findings = Findings()
-            document = tier("t", "rope", {"tube": TUBE}, maps)
-            check_tiers([Tier.from_document(document)], findings.at("dataset.json"))
+            findings = checked(tier("t", "rope", {"tube": TUBE}, maps))
             twice = [i.where for i in findings.issues if "listed twice" in i.message]
             assert twice == (["tiers[0].symmetries[1]"] if again else [])
 
@@ -105,19 +111,75 @@ def test_two_closed_coordinates() -> None:
         ([[0, 1], [1, 0]], False),
         ([[2, 0], [0, 1]], False),
     ):
-        document = tier("t", "rope", {"torus": torus}, [("map", matrix_, [0, 0])])
-        findings = Findings()
-        check_tiers([Tier.from_document(document)], findings.at("dataset.json"))
+        findings = checked(tier("t", "rope", {"torus": torus}, [("map", matrix_, [0, 0])]))
         assert (findings.counts == {}) is good, matrix_
         bijection = [i for i in findings.issues if "bijection" in i.message]
         assert bool(bijection) is (matrix_ in ([[0, 1], [1, 0]], [[2, 0], [0, 1]]))
 
 
 def test_names_of_tiers() -> None:
-    tiers = [Tier.from_document(DOCUMENT | {"name": name}) for name in "babcb"]
-    findings = Findings()
-    check_tiers(tiers, findings.at("dataset.json"))
+    findings = checked(*(DOCUMENT | {"name": name} for name in "babcb"))
     assert [(i.where, i.message[-3:]) for i in findings.issues] == [("tiers", "'b'")]
+
+
+def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> int:
+    symmetries = [(f"s{i}", *each) for i, each in enumerate(maps)]
+    described = tier("t", "rope", {"x": material}, symmetries)
+    findings = checked(described)
+    assert set(findings.counts) <= {"SYMMETRY_INVALID"}
+    return findings.total
+
+
+REVERSE = ([[-1, 0], [0, -1]], [1, 0])
+MIRROR = ([[1, 0], [0, -1]], [0, 0])
+TURN_HALF = ([[1, 0], [0, 1]], [0, 2])
+
+
+@pytest.mark.parametrize(
+    "maps",
+    [
+        (),
+        (REVERSE,),
+        (MIRROR,),
+        (TURN_HALF,),
+        (([[1, 0], [0, -1]], [0, 0.7]),),  # a mirror in any axial plane
+        (([[-1, 0], [0, 1]], [1, 0]),),
+        (REVERSE, MIRROR, ([[-1, 0], [0, 1]], [1, 0])),
+        (([[1, 0], [0, 1]], [0, 1]), TURN_HALF, ([[1, 0], [0, 1]], [0, 3])),
+    ],
+)
+def test_symmetries_of_a_tube(maps: tuple[Any, ...]) -> None:
+    assert symmetry_issues([OPEN, CLOSED], *maps) == 0
+
+
+@pytest.mark.parametrize(
+    "maps",
+    [
+        (([[1, 0], [0, 1]], [0, 4]),),  # the identity, once round
+        (([[1, 0], [0, 1]], [0, 1]),),  # a quarter turn alone is no group
+        (([[-1, 0], [0, -1]], [0, 0]),),  # leaves the range of s
+        (([[-2, 0], [0, 1]], [1, 0]),),
+        (([[1, 0.5], [0, 1]], [0, 0]),),  # s would jump at the seam of theta
+        (([[0, 1], [1, 0]], [0, 0]),),
+    ],
+)
+def test_what_is_no_symmetry_of_a_tube(maps: tuple[Any, ...]) -> None:
+    assert symmetry_issues([OPEN, CLOSED], *maps) > 0
+
+
+def test_a_helix_may_shift_theta_along_s() -> None:
+    screw = ([[-1, 0], [0.5, -1]], [1, -0.25])
+    # Twice the map: s comes back; theta gains 0.5 (1 - s) - 0.25 + 0.25 - 0.5 s = 0.5 - s: no.
+    assert symmetry_issues([OPEN, CLOSED], screw) > 0
+    screw = ([[-1, 0], [0.5, 1]], [1, -0.25])
+    # theta + 0.5 s - 0.25, then + 0.5 (1 - s) - 0.25: comes back.
+    assert symmetry_issues([OPEN, CLOSED], screw) == 0
+
+
+def test_the_square_has_eight_symmetries() -> None:
+    maps = [(matrix, offset) for _, matrix, offset in DIHEDRAL]
+    assert symmetry_issues([OPEN, OPEN], *maps) == 0
+    assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
 
 
 def turned(angle: float) -> list[list[float]]:
