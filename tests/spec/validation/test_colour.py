@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.stats import ttest_1samp
 
 from pliant.spec.validation.rules.colour import (
+    MIN_BLOCKS,
     REACH,
     Colours,
     Edges,
     Silhouette,
     _Alternative,
     _spread,
+    is_blank,
     probability,
     profile,
     recognised,
@@ -331,3 +334,27 @@ def test_objects_that_the_background_hides() -> None:
     small = np.zeros((HEIGHT, WIDTH), np.bool_)
     small[20:25, 20:25] = True  # 10 places along each axis say nothing
     assert explained((small, hidden[1])) is None
+
+
+def test_chance_is_that_of_a_t_test_over_blocks() -> None:
+    gain = np.random.default_rng(0).normal(0.3, 1.0, MIN_BLOCKS + 5)
+    block = np.arange(len(gain)) * 7
+    expected = ttest_1samp(gain, 0, alternative="greater").pvalue
+    assert probability(gain, block) == pytest.approx(expected)
+    # Places of a block that say the same count once.
+    assert probability(np.repeat(gain, 3), np.repeat(block, 3)) == pytest.approx(expected)
+    assert probability(gain[:MIN_BLOCKS], block[:MIN_BLOCKS]) < 1
+    assert probability(gain[1:MIN_BLOCKS], block[1:MIN_BLOCKS]) == 1
+    assert probability(gain[:0], block[:0]) == 1
+
+
+def test_a_picture_of_one_colour_is_blank() -> None:
+    rgb = np.full((40, 50, 3), (7, 100, 200), np.uint8)
+    assert is_blank(rgb)
+    for step, blank in ((2, True), (3, False)):
+        one = rgb.copy()
+        one[3, 5] += np.uint8(step)  # a pixel between those that are looked at first
+        assert is_blank(one) is blank
+        one = rgb.copy()
+        one[4, 6, 1] -= np.uint8(step)
+        assert is_blank(one) is blank
