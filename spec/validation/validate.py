@@ -126,8 +126,9 @@ def validate(
                     folders.setdefault(tier, set()).add(name)
         rows = check_listing(context, folders, findings)
         check_checksums(context, findings)
+        row_of = {(row["tier"], name): row for name, row in rows.items()}
         tasks = [
-            (context, tier, name, rows.get(name) if _belongs(rows, tier, name) else None)
+            (context, tier, name, row_of.get((tier, name)))
             for tier, names in sorted(folders.items())
             for name in sorted(names)
         ]
@@ -168,10 +169,6 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     if findings.counts.get("TIER_INVALID", 0) > before:
         return None
     return Context.of(root, info, tiers, quick)
-
-
-def _belongs(rows: dict[str, dict[str, Any]], tier: str, name: str) -> bool:
-    return name in rows and rows[name]["tier"] == tier
 
 
 _Task = tuple[Context, str, str, dict[str, Any] | None]

@@ -27,6 +27,8 @@ WORKSHOPS: Final = frozenset({".pliant", ".cache", ".git", layout.PRIVATE_DIR})
 """Working folders in the root, of a generator, of a download, of git; not part of the dataset,
 never looked into."""
 
+_SPLIT_FILES: Final = {f"{split}.parquet" for split in SPLITS}
+
 UNLISTED: Final = frozenset({layout.CHECKSUMS, layout.MANIFEST_JSON, ".gitattributes"})
 """Files that `SHA256SUMS` leaves out."""
 
@@ -107,16 +109,15 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
     known |= {*WORKSHOPS, *(layout.SHARD_DIRS if packed else (layout.SEQUENCES_DIR,))}
     free = PAPERS | {layout.INDEX_TABLE, layout.CHECKSUMS, layout.MANIFEST_JSON}
     report_extra(findings, "", (files - required - free) | (folders - known), "see SPEC.md, Files")
-    for name in layout.SHARD_DIRS:
-        if packed and name in folders:
-            inside, deeper = list_folder(root / name, name, findings)
-            extra = deeper | {e for e in inside if not layout.is_shard_name(f"{name}/{e}")}
-            report_extra(findings, name, extra, "SPLIT-NUMBER.parquet alone does")
-    for name in (layout.QUERIES_DIR, layout.TRUTH_DIR):
+    shards = layout.SHARD_DIRS if packed else ()
+    for name in (*shards, layout.QUERIES_DIR, layout.TRUTH_DIR):
         if name in folders:
             inside, deeper = list_folder(root / name, name, findings)
-            extra = deeper | {entry for entry in inside if not _is_split_file(entry)}
-            report_extra(findings, name, extra, "SPLIT.parquet alone does")
+            own, words = _SPLIT_FILES, "SPLIT.parquet"
+            if name in shards:
+                own = {each for each in inside if layout.is_shard_name(f"{name}/{each}")}
+                words = "SPLIT-NUMBER.parquet"
+            report_extra(findings, name, deeper | inside - own, f"{words} alone does")
     if packed or layout.SEQUENCES_DIR not in folders:
         return {}
     loose, tiers = list_folder(root / layout.SEQUENCES_DIR, layout.SEQUENCES_DIR, findings)
@@ -127,7 +128,3 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
         loose, found[tier] = list_folder(root / layout.SEQUENCES_DIR / tier, shown, findings)
         report_extra(findings, shown, loose, "folders of sequences alone do")
     return found
-
-
-def _is_split_file(name: str) -> bool:
-    return name.endswith(".parquet") and name.removesuffix(".parquet") in SPLITS
