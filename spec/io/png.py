@@ -48,7 +48,7 @@ def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -
     _write(path, rgb, _RGB, level)
 
 
-def write_mask(path: Path | str, object_ids: npt.NDArray[np.uint8], *, level: int = 6) -> None:
+def write_mask(path: Path | str, object_ids: npt.NDArray[np.uint8]) -> None:
     """Write a mask: an object id for each pixel, 0 for none; arguments as `write_rgb`.
 
     Raises:
@@ -56,7 +56,7 @@ def write_mask(path: Path | str, object_ids: npt.NDArray[np.uint8], *, level: in
     """
     if object_ids.dtype != np.uint8 or object_ids.ndim != 2:
         raise ValueError(f"a mask must be uint8 (H, W), not {object_ids.dtype} {object_ids.shape}")
-    _write(path, object_ids[..., None], _GREY, level)
+    _write(path, object_ids[..., None], _GREY, level=6)
 
 
 def _write(path: Path | str, pixels: npt.NDArray[np.uint8], colour_type: int, level: int) -> None:

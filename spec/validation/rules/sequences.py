@@ -218,8 +218,8 @@ def _check_frames(
                 fits = check_visibility(view, problems)
                 evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)
-    while rows is not None:  # so that broken values after the last frame are reported too
-        rows = next(stream, None)
+    for _ in stream:  # so that broken values after the last frame are reported too
+        pass
     evidence.conclude(tier, info, cameras, context.size, files)
     whole = points is not None and count == frames * len(points)
     if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):

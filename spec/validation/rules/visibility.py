@@ -208,10 +208,9 @@ def _report_hidden(windows: Windows, problems: FileProblems) -> None:
     surely = np.zeros(len(own), np.bool_)
     if windows.view.tier.kind == "cloth":
         close = (SURE * windows.footprint_m)[:, None, None]
-        surely = np.any(
-            (windows.away_m <= close) & (np.abs(near - depth[:, None, None]) <= close),
-            axis=(1, 2),
-        )
+        away = np.sqrt((windows.steps_m**2).sum(axis=-1))
+        deep = np.abs(near - depth[:, None, None])
+        surely = np.any((away <= close) & (deep <= close), axis=(1, 2))
         lines = np.stack([near[:, 1, :], near[:, :, 1]])
         with np.errstate(invalid="ignore"):
             bends = np.abs(np.diff(lines, n=2)[..., 0])

@@ -182,11 +182,6 @@ class Windows:
         """The points' objects, int32 (N,)."""
         return self.view.own(self.chosen)
 
-    @cached_property
-    def away_m(self) -> FloatArray:
-        """Distance on the material to the inner pixels' surface, float64 (N, 3, 3)."""
-        return np.asarray(np.sqrt((self.steps_m**2).sum(axis=-1)))
-
     def behind(self, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Return which of some points are not in front of the object that their pixels show."""
         behind = which & self.uniform & (self.object_id[:, 2, 2] != 0)
