@@ -203,3 +203,18 @@ def _made_once(name: str, tmp_path_factory: pytest.TempPathFactory, **changes: A
         summary = generate(config, out, engine=InProcess() if config.style == "raster" else "local")
     assert not summary.failed, summary.failed[0].error
     return out
+
+
+Called = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def called(capsys: pytest.CaptureFixture[str]) -> Called:
+    """Call `pliant` in this process; return its exit code, its output and its messages."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call

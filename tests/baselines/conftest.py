@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import write_surface
 from pliant.spec.io.png import write_rgb
@@ -95,21 +93,6 @@ def write_cards(root: Path) -> None:
             answer = {"u_b": u_b, "v_b": v_b, "visibility_b": "occluded" if hidden else "visible"}
             truth.append({**key, "point": query, **answer, "box_px": 128.0, "alternatives": []})
     write_queries(root, "cards", "test", queries, truth)
-
-
-Called = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def called(capsys: pytest.CaptureFixture[str]) -> Called:
-    """Call `pliant` in this process; return its exit code, its output and its messages."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        code = run([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture(scope="session")

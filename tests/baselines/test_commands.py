@@ -10,7 +10,7 @@ from PIL import Image
 
 from pliant.baselines import METHODS
 from pliant.spec.io.parquet import read_footer, read_table
-from tests.baselines.conftest import Called
+from tests.conftest import Called
 
 
 def test_predict_says_what_it_wrote(cards_root: Path, tmp_path: Path, called: Called) -> None:

@@ -18,7 +18,8 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
 from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer, read_table
-from tests.baselines.conftest import METHODS_FILE, Called
+from tests.baselines.conftest import METHODS_FILE
+from tests.conftest import Called
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -16,7 +16,7 @@ import pytest
 
 from pliant.evaluator import check, evaluate, inspect
 from pliant.spec.io.parquet import read_footer
-from tests.baselines.conftest import Called
+from tests.conftest import Called
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
 Rows = list[dict[str, Any]]

@@ -5,29 +5,27 @@ from pathlib import Path
 
 import pytest
 
-from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer
+from tests.conftest import Called
 from tests.models.tiny_runs import DON, options
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")
-def test_train_predict_and_check(
-    tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_train_predict_and_check(tiny_dataset: Path, tmp_path: Path, called: Called) -> None:
     """The whole way: what a run answers passes the submission check, and says how it came about."""
     out, submission = tmp_path / "run", tmp_path / "sub.parquet"
-    arguments = ["train", "don", "--data", str(tiny_dataset), "--out", str(out), "--json"]
-    assert run([*arguments, *options(*DON, "steps=2", "tier=rope")]) == 0
-    report = json.loads(capfd.readouterr().out)
+    changes = options(*DON, "steps=2", "tier=rope")
+    _, said, _ = called("train", "don", "--data", tiny_dataset, "--out", out, "--json", *changes)
+    report = json.loads(said)
     assert report["steps"] == 2
     assert report["tier"] == "rope"
     assert report["validation"]["rmse_px"] > 0
 
-    predict = ["predict", str(out), "--data", str(tiny_dataset), "--out", str(submission)]
-    assert run([*predict, "--split", "val"]) == 0
-    assert run(["check", str(submission), "--data", str(tiny_dataset)]) == 0
+    data = ("--data", tiny_dataset)
+    assert called("predict", out, *data, "--out", submission, "--split", "val")[0] == 0
+    assert called("check", submission, *data)[0] == 0
     method = read_footer(submission)["method"]
     assert method["name"] == "don"
     assert method["answer"]["decode"] == "trace"
@@ -36,11 +34,10 @@ def test_train_predict_and_check(
     assert method["steps"] == 2
 
 
-def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    arguments = ["train", "don", "--data", str(sheet_dataset.root), "--out", str(out)]
-    assert run([*arguments, *options(*DON, "steps=2")]) == 0
-    assert run([*arguments, "--resume"]) == 0
+def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path, called: Called) -> None:
+    train = ("train", "don", "--data", sheet_dataset.root, "--out", tmp_path / "run")
+    assert called(*train, *options(*DON, "steps=2"))[0] == 0
+    assert called(*train, "--resume")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -54,7 +51,7 @@ def test_resume_is_proposed_where_there_is_a_checkpoint(
     sheet_dataset: Dataset,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    called: Called,
     place: str,
     fix: str,
 ) -> None:
@@ -62,18 +59,19 @@ def test_resume_is_proposed_where_there_is_a_checkpoint(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(place, interrupt)
-    data, out = str(sheet_dataset.root), str(tmp_path / "run")
-    assert run(["train", "don", "--data", data, "--out", out, *options(*DON)]) == 130
-    error = capfd.readouterr().err
+    train = ("train", "don", "--data", sheet_dataset.root, "--out", tmp_path / "run")
+    code, _, error = called(*train, *options(*DON))
+    assert code == 130
     assert ("--resume" in error) == bool(fix)
     assert fix in error
 
 
 @pytest.mark.parametrize("config", ["steps: 5", "loss: {canonical_weight: 1.0}"])
 def test_predict_refuses_a_folder_without_weights(
-    sheet_dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str], config: str
+    sheet_dataset: Dataset, tmp_path: Path, called: Called, config: str
 ) -> None:
     (tmp_path / "config.yaml").write_text(config + "\n")
-    out = str(tmp_path / "sub.parquet")
-    assert run(["predict", str(tmp_path), "--data", str(sheet_dataset.root), "--out", out]) == 1
-    assert "no validated weights yet" in capfd.readouterr().err
+    out = tmp_path / "sub.parquet"
+    code, _, error = called("predict", tmp_path, "--data", sheet_dataset.root, "--out", out)
+    assert code == 1
+    assert "no validated weights yet" in error

@@ -26,6 +26,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
+from tests.conftest import Called
 from tests.known import known
 from tests.models.tiny_runs import don, timecycle
 
@@ -166,24 +167,24 @@ def test_training_time_is_read_from_the_log(trained: Path, tmp_path: Path) -> No
 
 
 def test_a_shipped_name_is_a_method(
-    as_shipped: None, tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    as_shipped: None, tiny_dataset: Path, tmp_path: Path, called: Called
 ) -> None:
     out = tmp_path / "sub.parquet"
-    data = ["--data", str(tiny_dataset)]
-    assert run(["predict", "don-tiny", *data, "--split", "test", "--out", str(out)]) == 0
-    assert run(["check", str(out), *data]) == 0
+    data = ("--data", tiny_dataset)
+    assert called("predict", "don-tiny", *data, "--split", "test", "--out", out)[0] == 0
+    assert called("check", out, *data)[0] == 0
     method = read_footer(out)["method"]
     assert method["name"] == "don-tiny"
     assert method["steps"] == 12
     frame = Dataset.open(tiny_dataset).sequences[0].dir / "rgb" / "000000.png"
     figure = tmp_path / "figure.png"
-    call = ["--source", str(frame), "--target", str(frame), "--at", "80,60", "--out", str(figure)]
-    capfd.readouterr()
-    assert run(["match", "don-tiny", *call, "--json"]) == 0
-    assert json.loads(capfd.readouterr().out)["method"] == "don-tiny"
+    call = ("--source", frame, "--target", frame, "--at", "80,60", "--out", figure)
+    _, said, _ = called("match", "don-tiny", *call, "--json")
+    assert json.loads(said)["method"] == "don-tiny"
     assert figure.is_file()
-    assert run(["predict", "don-tinny", *data, "--out", str(out)]) == 2
-    assert "Did you mean don-tiny?" in capfd.readouterr().err
+    code, _, error = called("predict", "don-tinny", *data, "--out", out)
+    assert code == 2
+    assert "Did you mean don-tiny?" in error
 
 
 def test_a_run_of_the_same_name_is_not_taken_for_it(
@@ -192,14 +193,15 @@ def test_a_run_of_the_same_name_is_not_taken_for_it(
     tiny_dataset: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    called: Called,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("don-tiny").symlink_to(trained)
-    call = ["--data", str(tiny_dataset), "--out", "sub.parquet"]
-    assert run(["predict", "don-tiny", *call]) == 2
-    assert "Write ./don-tiny for the run" in capfd.readouterr().err
-    assert run(["predict", "./don-tiny", *call]) == 0
+    call = ("--data", tiny_dataset, "--out", "sub.parquet")
+    code, _, error = called("predict", "don-tiny", *call)
+    assert code == 2
+    assert "Write ./don-tiny for the run" in error
+    assert called("predict", "./don-tiny", *call)[0] == 0
     assert read_footer(Path("sub.parquet"))["method"]["name"] == "don"
 
 
@@ -209,16 +211,15 @@ def test_export_command(
     tiny_dataset: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    called: Called,
 ) -> None:
-    arguments = ["train", "export", str(trained), "--name", "a-model", "--data", str(tiny_dataset)]
-    scores = ["--scores", str(models.parent / "report" / "scores.json")]
-    assert run([*arguments, *scores, "--out", str(tmp_path), "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["model"] == str(tmp_path / "a-model")
-    assert "Protocol `paper`" in (tmp_path / "a-model" / "CARD.md").read_text()
-    assert run([*arguments, "--out", str(tmp_path)]) == 0  # again: replaced
-    assert "Protocol" not in (tmp_path / "a-model" / "CARD.md").read_text()
+    call = ("train", "export", trained, "--name", "a-model", "--data", tiny_dataset)
+    scores, card = models.parent / "report" / "scores.json", tmp_path / "a-model" / "CARD.md"
+    _, said, _ = called(*call, "--scores", scores, "--out", tmp_path, "--json")
+    assert json.loads(said)["model"] == str(tmp_path / "a-model")
+    assert "Protocol `paper`" in card.read_text()
+    assert called(*call, "--out", tmp_path)[0] == 0  # again: replaced
+    assert "Protocol" not in card.read_text()
     monkeypatch.setattr(shipped, "FOLDER", tmp_path)
     assert shipped_names() == ("a-model",)
 

@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 import torch
 
-from pliant.cli.main import run
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher
 from pliant.models.model_recipe import RECIPES, _mean, read_recipe
 from pliant.models.shipped import FOLDER
 from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
+from tests.conftest import Called
 from tests.known import known
+from tests.models.tiny_runs import options
 
 NAMES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 SMALL = (
@@ -49,19 +50,15 @@ def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
     assert read_recipe(RECIPES / "don-rope.yaml").masks.steps > 1000  # type: ignore[union-attr]
 
 
-def small(name: str, out: Path) -> list[str]:
-    overrides = [part for value in SMALL for part in ("--set", value)]
-    size = ["--sequences", "4", "--workers", "1"]
-    return ["train", "model", name, "--out", str(out), *size, *overrides]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_recipe_makes_a_model_that_answers_and_goes_on(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, called: Called
 ) -> None:
-    assert run(small(name, tmp_path)) == 0
-    assert "sequences to make" in capsys.readouterr().err
+    size = ("--sequences", "4", "--workers", "1", *options(*SMALL))
+    code, _, shown = called("train", "model", name, "--out", tmp_path, *size)
+    assert code == 0
+    assert "sequences to make" in shown
     made = tmp_path / "models" / name
     assert load_matcher(made).name == "don"
     assert (made / "data.yaml").is_file()
@@ -72,7 +69,8 @@ def test_recipe_makes_a_model_that_answers_and_goes_on(
     if stages[last.name].mean_of:
         assert facts["share_of_the_last"] in stages[last.name].shares
     before = (last / "best.safetensors").stat().st_mtime_ns
-    assert run(small(name, tmp_path)) == 0  # nothing is trained again
+    again = called("train", "model", name, "--out", tmp_path, *size)
+    assert again[0] == 0  # nothing is trained again
     assert (last / "best.safetensors").stat().st_mtime_ns == before
 
 
@@ -113,7 +111,7 @@ def test_wrong_recipe_is_one_sentence(text: str, message: str, tmp_path: Path) -
     ],
 )
 def test_nothing_is_generated_for_a_wrong_call(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, tmp_path: Path, called: Called
 ) -> None:
     recipe, out = tmp_path / "recipe.yaml", tmp_path / "out"
     recipe.write_text(
@@ -121,6 +119,7 @@ def test_nothing_is_generated_for_a_wrong_call(
         "sets: {x: {tiers: [rope]}, y: {tiers: [rope], style: fast, stepz: 1}}\n"
     )
     arguments = [str(recipe) if each == "RECIPE" else each for each in arguments]
-    assert run(["train", "model", *arguments, "--sequences", "2", "--out", str(out)]) == 2
-    assert message in " ".join(capsys.readouterr().err.split())
+    code, _, error = called("train", "model", *arguments, "--sequences", "2", "--out", out)
+    assert code == 2
+    assert message in " ".join(error.split())
     assert not out.exists()

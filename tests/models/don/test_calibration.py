@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -39,6 +40,17 @@ def first_sigmas(matcher: DonMatcher, pair: Pair) -> npt.NDArray[np.float32]:
     return np.array([rows[rows[:, 3].argmax(), 2] for rows in modes])
 
 
+def every_second_off(pairs: Iterable[ValidationPair], by_px: float) -> list[ValidationPair]:
+    """Return pairs of which every second has truths moved at random; their targets say so."""
+    rng = np.random.default_rng(0)
+    moved = []
+    for number, pair in enumerate(pairs):
+        off = (by_px * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
+        target = replace(pair.target, key=f"{'off' if number % 2 else 'exact'} {number}")
+        moved.append(replace(pair, target=target, uv_b_px=pair.uv_b_px + off * (number % 2)))
+    return moved
+
+
 @pytest.mark.usefixtures("few_tried")
 def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[ValidationPair]) -> None:
     """Noise makes the errors larger than the sharp softmax believes."""
@@ -68,23 +80,12 @@ def test_rectified_views_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Truths are 6 px off wherever the target counts as rectified: only its answers doubt more."""
-    rng = np.random.default_rng(0)
-    pairs = []
-    for number, pair in enumerate(map(within, drawn(sheet_dataset, 24, 30))):
-        off = (6 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
-        name = "slanted" if number % 2 else "straight"
-        pairs.append(
-            replace(
-                pair,
-                target=replace(pair.target, key=f"{name} {number}"),
-                uv_b_px=pair.uv_b_px + off * (number % 2),
-            )
-        )
+    pairs = every_second_off(map(within, drawn(sheet_dataset, 24, 30)), 6)
     matcher = by_colour(scale=400.0)
 
     def seen(view: Frame) -> Reframed:
         as_it_is = Reframed.unchanged(view)
-        slanted = view.key.startswith("slanted")
+        slanted = view.key.startswith("off")
         return replace(as_it_is, homography=np.eye(3), tilted=True) if slanted else as_it_is
 
     monkeypatch.setattr(matcher.reader, "seen", seen)
@@ -152,19 +153,13 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
 
     Its doubt is therefore higher, and selects the second of the two calibrations.
     """
-    rng = np.random.default_rng(0)
-    mixed = []
-    for number, pair in enumerate(pairs):
-        vague = number % 2 == 1
-        off = (9 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
-        target = replace(pair.target, key=f"{'vague' if vague else 'clear'} {number}")
-        mixed.append(replace(pair, target=target, uv_b_px=pair.uv_b_px + off * vague))
+    mixed = every_second_off(pairs, 9)
     matcher = by_colour(scale=400.0)
     search = matcher.search
 
     def blurred(source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]) -> Search:
         found = search(source, target, uv_a_px)
-        if not target.view.key.startswith("vague"):
+        if not target.view.key.startswith("off"):
             return found
         flat = (found.log_p / 40).log_softmax(dim=1)
         return replace(found, log_p=flat, deciding=flat)
@@ -178,7 +173,7 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     for pair in mixed:
         views = Reframed.unchanged(pair.source), Reframed.unchanged(pair.target)
         found = blurred(*views, pair.uv_a_px)
-        vague = pair.target.key.startswith("vague")
+        vague = pair.target.key.startswith("off")
         assert apart.where(found.log_p, found.uv_px) is (doubtful if vague else apart)
     each = [apart.figures, doubtful.figures]
     assert np.mean([found["nll"] for found in each if found]) < known(together.figures)["nll"]

@@ -63,9 +63,15 @@ def line_view(ends_alike: bool, known: bool = True) -> TracedView:
     return TracedView(view, torch.zeros(4, 20, 80), traces, MaskShape.of(mask, objects))
 
 
+def carried(source: TracedView, target: TracedView) -> TracedPlaces:
+    """Return where traces carry a point 12 px from the left end of the source's rope."""
+    query = np.array([[22.0, 10.0]], dtype=np.float32)
+    return known(traced_places(source, target, torch.tensor(1.0), query))
+
+
 def test_a_rope_with_ends_alike_has_two_answers() -> None:
-    bare, queries = line_view(ends_alike=True), np.array([[22.0, 10.0]], dtype=np.float32)
-    found = known(traced_places(bare, bare, torch.tensor(1.0), queries))
+    bare = line_view(ends_alike=True)
+    found = carried(bare, bare)
     # All readings that run one way are together, whichever end they start at.
     np.testing.assert_allclose(found.uv_px[:, 0, 0], found.uv_px[0, 0, 0], atol=0.5)
     np.testing.assert_allclose(found.uv_px[0] + known(found.other_way_px)[0], [[80, 20]], atol=0.5)
@@ -83,10 +89,9 @@ def test_a_rope_with_ends_alike_has_two_answers() -> None:
 
 
 def test_a_ball_in_either_view_leaves_one_answer() -> None:
-    queries = np.array([[22.0, 10.0]], dtype=np.float32)
     ball, unknown = line_view(ends_alike=False), line_view(ends_alike=True, known=False)
     for source, target in ((ball, ball), (ball, unknown), (unknown, ball)):
-        found = known(traced_places(source, target, torch.tensor(1.0), queries))
+        found = carried(source, target)
         assert found.other_way_px is None
 
 
@@ -94,8 +99,7 @@ def test_where_no_ball_is_known_the_descriptors_answer_and_the_other_way_is_as_l
     view = line_view(ends_alike=True, known=False)
     ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)
     source, target = replace(view, descriptors=ramp), replace(view, descriptors=ramp.flip(2))
-    queries = np.array([[22.0, 10.0]], dtype=np.float32)
-    found = known(traced_places(source, target, torch.tensor(1.0), queries))
+    found = carried(source, target)
     assert found.other_way_px is not None
     way = found.weight @ found.uv_px[:, 0, 0]
     np.testing.assert_allclose([way, 80 - way], [58, 22], atol=0.5)  # the target runs the other way
@@ -113,8 +117,7 @@ def test_plausible_traces_that_agree_have_the_weight() -> None:
     ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)  # the descriptors tell the two ends apart
     source = replace(view, descriptors=ramp, traces=[right])
     target = replace(view, descriptors=ramp, traces=[short, reverse, right])
-    queries = np.array([[22.0, 10.0]], dtype=np.float32)
-    found = known(traced_places(source, target, torch.tensor(1.0), queries))
+    found = carried(source, target)
     np.testing.assert_allclose(found.weight.sum(), 1)
     np.testing.assert_allclose(found.uv_px[:, 0, 0], [22, 22, 58], atol=0.3)
     odds = found.weight[0] / found.weight[1:]

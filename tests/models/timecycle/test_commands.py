@@ -15,6 +15,7 @@ from pliant.models import load_matcher
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table
+from tests.conftest import Called
 from tests.models.tiny_runs import TIMECYCLE, options
 
 
@@ -27,19 +28,18 @@ def trained(tiny_episode: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def test_train_predict_and_score(
-    trained: Path, tiny_episode: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    trained: Path, tiny_episode: Path, tmp_path: Path, called: Called
 ) -> None:
     """The whole way: a run's answers pass the check and are scored as tracks."""
     submission, report = tmp_path / "sub.parquet", tmp_path / "report"
-    data = ["--data", str(tiny_episode)]
-    assert run(["predict", str(trained), *data, "--out", str(submission), "--json"]) == 0
-    assert json.loads(capfd.readouterr().out)["method"]["name"] == "timecycle"
-    assert run(["check", str(submission), *data]) == 0
+    data = ("--data", tiny_episode)
+    _, said, _ = called("predict", trained, *data, "--out", submission, "--json")
+    assert json.loads(said)["method"]["name"] == "timecycle"
+    assert called("check", submission, *data)[0] == 0
     method = read_footer(submission)["method"]
     assert method["propagation"]["context"] == 7
     assert method["mask"] == "given"
-    scored = ["evaluate", str(submission), *data, "--protocol", "track", "--out", str(report)]
-    assert run(scored) == 0
+    assert called("evaluate", submission, *data, "--protocol", "track", "--out", report)[0] == 0
     scores = json.loads((report / "scores.json").read_text())
     assert scores["overall"]["rmse_px"] > 0
     assert scores["curves"]["overall"]["rmse_over_time"]["frames"]

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from tests.models.tiny_runs import options
+
 pytest.importorskip("tensorboard", reason="training needs the extra 'train'")
 from tensorboard.summary.writer.record_writer import RecordWriter
 
@@ -66,7 +68,7 @@ def test_one_error_and_no_traceback(
     call = ["train", method, "--data", str(data), "--out", str(tmp_path / "run")]
     capfd.readouterr()
     damage(monkeypatch)
-    code = run([*call, *(part for each in values for part in ("--set", each))])
+    code = run([*call, *options(*values)])
     shown = capfd.readouterr()
     assert code == 2, shown
     assert "Traceback" not in shown.out + shown.err
