@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines import Frame
-from pliant.spec.arrays import Float32Array, FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 from pliant.spec.frame import Pair
 from pliant.spec.io.exr import Surface
 
@@ -53,7 +53,7 @@ def print_of(card: FloatArray) -> FloatArray:
     return 128 + 18 * total
 
 
-def card_surface(pose: Similarity) -> tuple[npt.NDArray[np.uint8], Surface]:
+def card_surface(pose: Similarity) -> tuple[ImageArray, Surface]:
     """Render a card by evaluating its print at every pixel's centre."""
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
     card = pose.locate(np.stack([u, v], axis=-1))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,6 +19,7 @@ from pliant.baselines import METHODS, Answers, answering
 from pliant.baselines.predict import answer, predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
 from pliant.spec.answers import Matches
+from pliant.spec.arrays import Float32Array
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 from pliant.spec.frame import Frame, Pair
@@ -79,7 +79,7 @@ def test_the_file_and_what_ties_it_to_its_queries(cards: Dataset, tmp_path: Path
 def test_optional_columns_round_trip(cards: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "modes.parquet"
 
-    def modes(count: int) -> list[npt.NDArray[np.float32]]:
+    def modes(count: int) -> list[Float32Array]:
         two = np.array([[1, 2, 3, 0.25], [4, 5, 6, 0.75]], dtype=np.float32)
         one = np.array([[1, 2, 3, 1]], dtype=np.float32)
         return [two if row % 2 else one for row in range(count)]
@@ -98,7 +98,7 @@ def test_the_footer_has_the_familiarity(cards: Dataset, tmp_path: Path) -> None:
     """20 queries in each of 3 pairs; one of 20 is strange."""
     out = tmp_path / "known.parquet"
 
-    def familiarity(count: int) -> npt.NDArray[np.float32]:
+    def familiarity(count: int) -> Float32Array:
         return np.where(np.arange(count) == 0, 0.0, 0.5).astype(np.float32)
 
     predict(cards, "test", Fixed(familiarity=familiarity), out)

@@ -14,7 +14,7 @@ from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, shipped
-from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.loading import load_matcher as load_don
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
@@ -28,6 +28,7 @@ from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
 from tests.conftest import Called
 from tests.known import known
+from tests.models.shipped_models import shipped_don
 from tests.models.tiny_runs import don, timecycle
 
 
@@ -65,9 +66,7 @@ def test_half_the_size_and_the_same_answers(
 ) -> None:
     small = models / "don-tiny" / "best.safetensors"
     assert small.stat().st_size < 0.6 * (trained / "best.safetensors").stat().st_size
-    whole, half = load_matcher(trained), load_shipped("don-tiny")
-    assert isinstance(whole, DonMatcher)
-    assert isinstance(half, DonMatcher)
+    whole, half = load_don(trained), shipped_don("don-tiny")
     assert half.calibration == whole.calibration
     assert {p.dtype for p in half.network.parameters()} == {torch.float32}
     dataset = Dataset.open(tiny_dataset)

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from pliant.baselines import METHODS, Frame
@@ -19,14 +18,14 @@ from pliant.baselines.features.local_features import LocalFeatures
 from pliant.baselines.features.opencv_features import Orb, Sift
 from pliant.baselines.features.orientation import intensity_centroid_deg
 from pliant.baselines.features.surf import MahotasSurf
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 from pliant.spec.frame import Pair
 
 FEATURES: dict[str, Callable[[], LocalFeatures]] = {"sift": Sift, "orb": Orb, "surf": MahotasSurf}
 
 
 @pytest.fixture(scope="module")
-def blobs() -> tuple[npt.NDArray[np.uint8], FloatArray]:
+def blobs() -> tuple[ImageArray, FloatArray]:
     """Bright Gaussian blobs of 4 px at places known to a fraction of a pixel."""
     rng = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(np.arange(6), np.arange(5)), axis=-1).reshape(-1, 2)
@@ -38,7 +37,7 @@ def blobs() -> tuple[npt.NDArray[np.uint8], FloatArray]:
     return np.rint(image).astype(np.uint8), uv_px
 
 
-def offsets(found_px: npt.NDArray[np.float32], uv_px: FloatArray) -> FloatArray:
+def offsets(found_px: Float32Array, uv_px: FloatArray) -> FloatArray:
     """Found minus true, for what lies within 3 px of a blob's centre."""
     difference = found_px[:, None].astype(np.float64) - uv_px[None]  # (N, M, 2)
     nearest = difference[np.arange(len(difference)), np.hypot(*difference.T).T.argmin(axis=1)]
@@ -47,7 +46,7 @@ def offsets(found_px: npt.NDArray[np.float32], uv_px: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize(("name", "tolerance_px"), [("sift", 0.02), ("orb", 0.2), ("surf", 0.2)])
 def test_keypoints_sit_on_blobs(
-    name: str, tolerance_px: float, blobs: tuple[npt.NDArray[np.uint8], FloatArray]
+    name: str, tolerance_px: float, blobs: tuple[ImageArray, FloatArray]
 ) -> None:
     image, uv_px = blobs
     off = offsets(FEATURES[name]().detect(image).uv_px, uv_px)
@@ -55,7 +54,7 @@ def test_keypoints_sit_on_blobs(
     assert np.abs(off.mean(axis=0)).max() < tolerance_px
 
 
-def texture(height: int, width: int) -> npt.NDArray[np.uint8]:
+def texture(height: int, width: int) -> ImageArray:
     """A blurred random image of uneven, unlike sides."""
     rng = np.random.default_rng(2)
     image = rng.standard_normal((height, width))
@@ -110,7 +109,7 @@ def test_intensity_centroid_by_hand() -> None:
     np.testing.assert_allclose(found, np.degrees(np.arctan2(4, -3)))
 
 
-def test_orb_angle_is_opencvs(blobs: tuple[npt.NDArray[np.uint8], FloatArray]) -> None:
+def test_orb_angle_is_opencvs(blobs: tuple[ImageArray, FloatArray]) -> None:
     """At the keypoints that OpenCV itself finds at full resolution."""
     cv2: Any = pytest.importorskip("cv2")
     noise = np.random.default_rng(0).integers(0, 40, blobs[0].shape)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy import ndimage
 
 from pliant.models.don.ball import ball_in
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import FloatArray, Mask
 
 HEIGHT, WIDTH, HALF_PX = 120, 160, 3.0
 ENDS = {"left": (60, 20), "right": (60, 140)}  # (row, column)
-
-Image = npt.NDArray[np.float64]
 
 
 def disc(row: int, column: int, radius_px: float) -> Mask:
@@ -28,11 +25,11 @@ def drawn() -> Mask:
     return np.asarray(ndimage.distance_transform_edt(line) <= HALF_PX) | disc(60, 80, 7)
 
 
-def likely(mask: Mask) -> Image:
+def likely(mask: Mask) -> FloatArray:
     return np.asarray(0.7 * ndimage.gaussian_filter(mask.astype(np.float64), 1.0))
 
 
-def even(value: float) -> Image:
+def even(value: float) -> FloatArray:
     return np.full((HEIGHT, WIDTH), value)
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import torch
 
@@ -21,6 +20,7 @@ from pliant.models.don.search import Search
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.validation import ValidationPair
 from pliant.models.networks.descriptor_network import pixel_grid
+from pliant.spec.arrays import Float32Array
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
@@ -34,7 +34,7 @@ def calibrated(matcher: DonMatcher, pairs: list[ValidationPair]) -> Calibration:
     return found
 
 
-def first_sigmas(matcher: DonMatcher, pair: Pair) -> npt.NDArray[np.float32]:
+def first_sigmas(matcher: DonMatcher, pair: Pair) -> Float32Array:
     """Return the standard deviation of each answer's heaviest mode."""
     modes = known(matcher.answer(pair).modes)
     return np.array([rows[rows[:, 3].argmax(), 2] for rows in modes])
@@ -157,7 +157,7 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     matcher = by_colour(scale=400.0)
     search = matcher.search
 
-    def blurred(source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]) -> Search:
+    def blurred(source: Reframed, target: Reframed, uv_a_px: Float32Array) -> Search:
         found = search(source, target, uv_a_px)
         if not target.view.key.startswith("off"):
             return found

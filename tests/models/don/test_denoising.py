@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don import described
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.segmentation import denoised
+from pliant.spec.arrays import Rgb
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame
 from tests.models.shipped_models import shipped_don
 
 
-def noisy(rgb: npt.NDArray[np.uint8], deviation: float) -> npt.NDArray[np.uint8]:
+def noisy(rgb: Rgb, deviation: float) -> Rgb:
     drawn = rgb + np.random.default_rng(1).normal(0, deviation, rgb.shape)
     return drawn.round().clip(0, 255).astype(np.uint8)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import torch
 
@@ -21,6 +20,7 @@ from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, validate
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkSettings
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 from pliant.viewer.explorer.layers import descriptor_colours
@@ -78,7 +78,7 @@ def test_a_small_object_is_looked_at_enlarged(
         mask = np.pad(known(view.mask), around)
         return Frame(rgb, mask if masks else None, key=f"{view.key} placed")
 
-    def errors_px(fill: tuple[float, float]) -> npt.NDArray[np.float64]:
+    def errors_px(fill: tuple[float, float]) -> FloatArray:
         matcher = by_colour(AnswerSettings(fill=fill, search="image"), scale=200.0)
         if not masks:  # as a network that predicts masks finds them, at its own size
             monkeypatch.setattr(type(matcher.reader), "_shown", found)
@@ -87,7 +87,7 @@ def test_a_small_object_is_looked_at_enlarged(
             np.linalg.norm(matcher.answer(placed_pair).uv_px - corner - pair.uv_b_px[:, 0], axis=1)
         )
 
-    def found(reader: RopeReader, view: Frame) -> npt.NDArray[np.bool_]:
+    def found(reader: RopeReader, view: Frame) -> BoolArray:
         shown = pair.source if view.key.startswith(pair.source.key) else pair.target
         return np.pad(known(shown.mask), [(corner[1], 150), (corner[0], 200)])[::5, ::5]
 

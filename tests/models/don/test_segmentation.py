@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy import ndimage
 
@@ -16,7 +15,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.segmentation import Foreground, cloth_mask, is_decided, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.mask_network import MaskNetwork
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
@@ -25,7 +24,7 @@ from tests.models.shipped_models import shipped_don
 WIDTH, HEIGHT, HALF_PX = 640, 480, 9
 
 
-def encoded(linear: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+def encoded(linear: FloatArray) -> Rgb:
     """Return sRGB bytes of linear light."""
     curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return (curve.clip(0, 1) * 255 + 0.5).astype(np.uint8)
@@ -36,7 +35,7 @@ def overlap(a: Mask, b: Mask) -> float:
     return float((a & b).sum() / max((a | b).sum(), 1))
 
 
-def scene() -> tuple[npt.NDArray[np.uint8], Mask, Mask, Mask]:
+def scene() -> tuple[Rgb, Mask, Mask, Mask]:
     """Return a picture of a rope on a table with its shadow; the rope, its ball and the shadow."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     t = np.linspace(0, 1, 800)
@@ -61,7 +60,7 @@ _, ROPE, BALL, SHADOW = scene()
 def vague(rope: Mask, others: Mask | None = None) -> Foreground:
     """Return what a network might say of a picture at a quarter of the size: blurred, unsure."""
 
-    def blurred(mask: Mask) -> npt.NDArray[np.float32]:
+    def blurred(mask: Mask) -> Float32Array:
         small = mask.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
         return (0.8 * ndimage.gaussian_filter(small, 2.0)).astype(np.float32)
 
@@ -152,7 +151,7 @@ def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
     class Says(MaskNetwork):
         sure = 1.0
 
-        def found(self, rgb: npt.NDArray[np.uint8], width: int = 320) -> npt.NDArray[np.float32]:
+        def found(self, rgb: Rgb, width: int = 320) -> Float32Array:
             p = np.where(left, self.sure, 0.0)[::2, ::2].astype(np.float32)
             return np.stack([p, p])
 

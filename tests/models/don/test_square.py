@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import torch
 from torch import nn
@@ -13,7 +12,7 @@ from torch import nn
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
 from tests.models.don.planted import planted
@@ -54,7 +53,7 @@ def matcher(blank_square: Literal["no", "upright", "any"]) -> DonMatcher:
     return made
 
 
-def nearest_px(modes: npt.NDArray[np.float32], place: FloatArray) -> float:
+def nearest_px(modes: Float32Array, place: FloatArray) -> float:
     return float(np.linalg.norm(modes[:, :2] - place, axis=1).min())
 
 

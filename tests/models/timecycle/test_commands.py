@@ -12,7 +12,7 @@ import pytest
 from pliant.baselines.predict import predict
 from pliant.cli.main import run
 from pliant.models import load_matcher
-from pliant.models.timecycle.matcher import TimeCycleMatcher
+from pliant.models.timecycle.matcher import load_timecycle
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table
 from tests.conftest import Called
@@ -52,8 +52,7 @@ def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
 
     A copy, as workers get one, says the same.
     """
-    dataset, matcher = Dataset.open(tiny_episode), load_matcher(trained)
-    assert isinstance(matcher, TimeCycleMatcher)
+    dataset, matcher = Dataset.open(tiny_episode), load_timecycle(trained)
     path, again = tmp_path / "one.parquet", tmp_path / "two.parquet"
     predict(dataset, "test", matcher, path)
     predict(dataset, "test", pickle.loads(pickle.dumps(matcher)), again)

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from pliant.models import load_matcher
 from pliant.models.timecycle import report
-from pliant.models.timecycle.matcher import TimeCycleMatcher
+from pliant.models.timecycle.matcher import load_timecycle
 from pliant.models.timecycle.settings import WalkSettings
 from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.timecycle.walk import Copies, walk_losses, warped_copies
@@ -137,6 +136,4 @@ def test_a_run_of_walks_alone_answers(
     train_timecycle(dataset, tmp_path / "run", settings)
     logged = (tmp_path / "run").rglob("*.json")
     assert any("walk_home" in path.read_text() for path in logged)
-    matcher = load_matcher(tmp_path / "run")
-    assert isinstance(matcher, TimeCycleMatcher)
-    assert matcher.stride == 2
+    assert load_timecycle(tmp_path / "run").stride == 2
