@@ -15,7 +15,7 @@ from pliant.spec.dataset import Dataset
 from tests.models.same_runs import assert_same_runs
 from tests.models.tiny_runs import don
 
-SETTINGS = don("checkpoint_every=100")
+SETTINGS = don("checkpoint_every=100", "optimiser.kind=muon")  # TimeCycle's test has AdamW
 
 
 def interrupt_at(call: int, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -68,3 +68,5 @@ def test_resumed_equals_uninterrupted(
             train_don(sheet_dataset, run, SETTINGS)
     train_don(sheet_dataset, run, SETTINGS, resume=True)
     assert_same_runs(whole, run, steps=6)
+    for file in ("calibration.json", "familiarity.json"):
+        assert (whole / file).read_text() == (run / file).read_text()
