@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.metrics.blocks import VISIBLE, positions_px
+from pliant.evaluator.metrics.blocks import positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import FloatArray
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import VISIBILITY_STATES, VISIBLE
 from pliant.spec.io.parquet_columns import codes
 
 Codes = npt.NDArray[np.uint8]

@@ -15,6 +15,9 @@ VISIBILITY_STATES: Final = ("visible", "self_occluded", "occluded", "out_of_fram
 `occluded`: hidden by another object; `out_of_frame`: projects outside the image (or lies
 behind the camera), whatever hides it."""
 
+VISIBLE, SELF_OCCLUDED, OCCLUDED, OUT_OF_FRAME = range(4)
+"""Numbers of the states in arrays."""
+
 POINT_KINDS: Final = ("surface", "centreline")
 
 NAME: Final = r"(?!.*\.\.)[A-Za-z0-9]([A-Za-z0-9._-]{0,126}[A-Za-z0-9])?"

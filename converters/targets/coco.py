@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.converters.targets.recording import OUT_OF_FRAME, Options, Recording
+from pliant.converters.targets.recording import Options, Recording
+from pliant.spec.conventions import OUT_OF_FRAME
 from pliant.spec.io.png import write_rgb
 from pliant.spec.sequence import SequenceRecord
 

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import VISIBLE
 from pliant.spec.point_mesh import PosedMesh, states_of
 from pliant.spec.sequence import SequenceRecord
-
-VISIBLE, OUT_OF_FRAME = map(VISIBILITY_STATES.index, ("visible", "out_of_frame"))
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,13 @@ from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import VISIBILITY_STATES, VISIBLE
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_columns import codes
 
 BLOCK_ROWS: Final = 1 << 18
 """A block takes whole pairs up to about so many queries."""
-
-VISIBLE: Final = VISIBILITY_STATES.index("visible")
 
 
 @dataclass(frozen=True)

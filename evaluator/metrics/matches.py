@@ -11,12 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
-from pliant.evaluator.metrics.blocks import VISIBLE, Block
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surface_images import nearest_object_pixel
 from pliant.evaluator.submission.answers import PlacedMatches
 from pliant.spec.configuration import Settings
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import OCCLUDED, VISIBLE
 
 
 class MatchesSettings(Settings):
@@ -77,13 +77,12 @@ def match_blocks(
         queried = surfaces.queried(queries.tiers[queries.tier[pair]])
         truth = dense_truth(source, target, found.uv_a_px[first:end], queried, footprints)
         answer_px = found.uv_b_px[first:end]
-        hidden = VISIBILITY_STATES.index("occluded")
         yield Block(
             first_row=first,
             first_pair=pair,
             starts=np.array([0, end - first]),
             true_px=truth.uv_b_px,
-            state=np.where(truth.visible, VISIBLE, hidden).astype(np.uint8),
+            state=np.where(truth.visible, VISIBLE, OCCLUDED).astype(np.uint8),
             answer_px=answer_px,
             missing=None,
             missing_px=queries.diagonal_px,

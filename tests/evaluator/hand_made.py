@@ -18,10 +18,11 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
-from pliant.evaluator.metrics.blocks import VISIBLE, Block, Partners
+from pliant.evaluator.metrics.blocks import Block, Partners
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.conventions import VISIBLE
 
 HIDDEN = VISIBLE + 1
 _CODES = ("tier", "sequence_a", "sequence_b", "frame_a", "frame_b")

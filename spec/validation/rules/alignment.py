@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
-from pliant.spec.validation.rules.correspondences import VISIBLE
+from pliant.spec.conventions import VISIBLE
 from pliant.spec.validation.rules.windows import SoundFrame
 
 SAMPLES_PER_FRAME = 96

@@ -11,14 +11,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.camera import Camera
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import OUT_OF_FRAME, VISIBILITY_STATES
 from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import codes
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import CheckedTable, numbers, report_not_finite
-
-VISIBLE, SELF_OCCLUDED, OCCLUDED, OUT_OF_FRAME = range(4)
 
 PIXEL_TOLERANCE = 0.01
 """How far u_px, v_px may be from the projection of x_m, y_m, z_m, pixels."""

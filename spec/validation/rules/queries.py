@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.conventions import VISIBLE
 from pliant.spec.io import limits
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
@@ -24,7 +25,6 @@ from pliant.spec.validation.rules.answers import (
     read_tracks,
 )
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.tables import check_table, numbers

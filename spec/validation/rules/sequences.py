@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.spec.camera import Camera
+from pliant.spec.conventions import SELF_OCCLUDED
 from pliant.spec.io import limits
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
@@ -15,7 +16,6 @@ from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import check_cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import (
-    SELF_OCCLUDED,
     FrameRows,
     check_keys,
     check_projection,

@@ -31,13 +31,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
+from pliant.spec.conventions import OCCLUDED, OUT_OF_FRAME, SELF_OCCLUDED, VISIBLE
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.correspondences import (
-    OCCLUDED,
-    OUT_OF_FRAME,
-    SELF_OCCLUDED,
-    VISIBLE,
-)
 from pliant.spec.validation.rules.windows import THIN, SoundFrame, Windows, is_thin
 
 MATCH = 3.0

@@ -13,15 +13,10 @@ import pytest
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
+from pliant.spec.conventions import OCCLUDED, OUT_OF_FRAME, SELF_OCCLUDED, VISIBLE
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import Tier
 from pliant.spec.validation.rules.alignment import Alignment, Measured, Sample, _sample, joined
-from pliant.spec.validation.rules.correspondences import (
-    OCCLUDED,
-    OUT_OF_FRAME,
-    SELF_OCCLUDED,
-    VISIBLE,
-)
 from pliant.spec.validation.rules.windows import SoundFrame
 from tests.dataset_files import coordinate, tier
 from tests.spec.validation.world import view as frame

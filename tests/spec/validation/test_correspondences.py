@@ -12,18 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.spec.camera import Camera
-from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.conventions import OUT_OF_FRAME, VISIBILITY_STATES, VISIBLE
 from pliant.spec.io import limits
 from pliant.spec.tables import CORRESPONDENCES
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules import correspondences
-from pliant.spec.validation.rules.correspondences import (
-    OUT_OF_FRAME,
-    VISIBLE,
-    check_keys,
-    check_projection,
-    frame_rows,
-)
+from pliant.spec.validation.rules.correspondences import check_keys, check_projection, frame_rows
 from pliant.spec.validation.rules.tables import CheckedTable, check_table
 from tests.spec.validation.world import SIZE, context, places, rows_at
 

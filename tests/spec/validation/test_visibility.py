@@ -12,14 +12,10 @@ import numpy as np
 import pytest
 
 from pliant.spec.camera import Camera
+from pliant.spec.conventions import OCCLUDED, OUT_OF_FRAME, SELF_OCCLUDED
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import Tier
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.correspondences import (
-    OCCLUDED,
-    OUT_OF_FRAME,
-    SELF_OCCLUDED,
-)
 from pliant.spec.validation.rules.visibility import _on_slope, check_visibility
 from tests.dataset_files import coordinate, tier
 from tests.spec.validation.world import view

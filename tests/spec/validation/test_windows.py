@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from pliant.spec.conventions import OCCLUDED, SELF_OCCLUDED
 from pliant.spec.io.exr import Surface
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules import visibility
-from pliant.spec.validation.rules.correspondences import OCCLUDED, SELF_OCCLUDED
 from pliant.spec.validation.rules.visibility import _edge_on, check_visibility
 from pliant.spec.validation.rules.windows import _is_behind
 from tests.spec.validation.test_visibility import (

@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
+from pliant.spec.conventions import VISIBLE
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import Tier
 from pliant.spec.storage.files import LocalFiles
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.correspondences import VISIBLE, FrameRows
+from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.points import PointSet
 from pliant.spec.validation.rules.surfaces import ShownSurface
 from pliant.spec.validation.rules.windows import SoundFrame
