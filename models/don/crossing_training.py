@@ -70,7 +70,8 @@ def _labelled(
         line = _middle_line(frame, along)
         if line is None:
             continue
-        half_px = 0.5 * float(frame.mask.sum()) / _length(line)
+        length_px = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        half_px = 0.5 * float(frame.mask.sum()) / length_px
         place, ways, label = [], [], []
         for each in self_crossings(line, round(LEAST_APART * _BINS)):
             near = np.linalg.norm(frame.uv_px - each.place_px, axis=1) < _NEAR * half_px
@@ -99,10 +100,6 @@ def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
     sums = [np.bincount(bins, frame.uv_px[:, axis], _BINS) for axis in (0, 1)]
     line = np.stack(sums, axis=1) / count[:, None]
     return np.asarray(gaussian_filter1d(line, 1.0, axis=0, mode="nearest"))
-
-
-def _length(line: FloatArray) -> float:
-    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
 def _turned(ways: FloatArray, angle_rad: FloatArray) -> FloatArray:

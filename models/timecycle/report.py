@@ -18,7 +18,7 @@ _LISTED = "val/rmse_px_"
 
 def write_timecycle_report(
     run: Path, history: Sequence[Mapping[str, float]], guard: Guard, facts: Mapping[str, Any]
-) -> Path:
+) -> None:
     """Write `RUN/report.html`, one self-contained page.
 
     Args:
@@ -26,9 +26,6 @@ def write_timecycle_report(
         history: The logged values of the run.
         guard: The run compared with the trivial answers.
         facts: Label -> value, shown as a table.
-
-    Returns:
-        The page.
     """
     listed = {
         int(key.removeprefix(_LISTED)) for row in history for key in row if key.startswith(_LISTED)
@@ -67,4 +64,4 @@ def write_timecycle_report(
         ),
     ]
     rest = {name: value for name, value in facts.items() if name not in ("guard", "validation")}
-    return write_run_page(run, rest, sections)
+    write_run_page(run, rest, sections)

@@ -124,15 +124,12 @@ def load_best(network: torch.nn.Module, run: Path) -> None:
     load_weights(network, best_weights(run))
 
 
-def save_checkpoint(run: Path, state: TrainingState) -> Path:
+def save_checkpoint(run: Path, state: TrainingState) -> None:
     """Write a checkpoint and remove the ones before it.
 
     Args:
         run: The run's folder.
         state: Where it stands.
-
-    Returns:
-        The checkpoint's folder.
     """
     folder = run / CHECKPOINTS / f"{state.step:07d}"
     tensors, plain = _split(state.optimiser)
@@ -149,7 +146,6 @@ def save_checkpoint(run: Path, state: TrainingState) -> Path:
         save_weights(place / "optimiser.safetensors", tensors)
         (place / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
     remove_others(folder)
-    return folder
 
 
 def remove_others(folder: Path) -> None:

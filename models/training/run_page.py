@@ -32,24 +32,19 @@ class Section:
     charts: Sequence[Chart] = ()
 
 
-def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Section]) -> Path:
+def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Section]) -> None:
     """Write `RUN/report.html`, one self-contained page.
 
     Args:
         run: The run's folder.
         facts: Label -> value; mappings are flattened.
         sections: The rest of the page.
-
-    Returns:
-        The page.
     """
     page = render_page(
         "run.html.j2", package="pliant.models", name=run.name, facts=_flat(facts), sections=sections
     )
-    path = run / REPORT_HTML
-    with replacing(path) as partial:
+    with replacing(run / REPORT_HTML) as partial:
         partial.write_text(page, encoding="utf-8")
-    return path
 
 
 def history_chart(

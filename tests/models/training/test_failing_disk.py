@@ -28,9 +28,9 @@ def no_room(patch: pytest.MonkeyPatch) -> None:
     """Let no file of a checkpoint grow over 400 bytes."""
     save = checkpoint.save_checkpoint
 
-    def limited(*arguments: Any) -> Path:
+    def limited(*arguments: Any) -> None:
         with full_disk(400):
-            return save(*arguments)
+            save(*arguments)
 
     patch.setattr("pliant.models.training.loop.save_checkpoint", limited)
 
