@@ -10,7 +10,7 @@ import pytest
 import torch
 import yaml
 
-from pliant.cli.main import run
+from pliant.baselines.predict import predict
 from pliant.evaluator import evaluate, write_report
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, shipped
@@ -33,22 +33,25 @@ from tests.models.tiny_runs import don, timecycle
 
 
 @pytest.fixture(scope="module")
-def trained(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def dataset(tiny_dataset: Path) -> Dataset:
+    return Dataset.open(tiny_dataset)
+
+
+@pytest.fixture(scope="module")
+def trained(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trained") / "run"
     settings = don("tier=rope", "steps=12", "width=80", "height=60", "validation.every=12")
-    train_don(Dataset.open(tiny_dataset), folder, settings)
+    train_don(dataset, folder, settings)
     return folder
 
 
 @pytest.fixture(scope="module")
-def models(trained: Path, tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def models(trained: Path, dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of models with one, `don-tiny`, whose card has scores."""
     out = tmp_path_factory.mktemp("models")
-    dataset = Dataset.open(tiny_dataset)
     submission = out / "sub.parquet"
-    call = ["predict", str(trained), "--data", str(tiny_dataset), "--out", str(submission)]
-    assert run(call) == 0
-    scores = evaluate(submission, tiny_dataset, protocol="paper", allow_missing=True)
+    predict(dataset, "test", load_don(trained), submission)
+    scores = evaluate(submission, dataset, protocol="paper", allow_missing=True)
     write_report(scores, out / "report")
     submission.unlink()
     export_run(trained, "don-tiny", out / "shipped", dataset, [scores])
@@ -61,15 +64,12 @@ def as_shipped(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("as_shipped")
-def test_half_the_size_and_the_same_answers(
-    trained: Path, models: Path, tiny_dataset: Path
-) -> None:
+def test_half_the_size_and_the_same_answers(trained: Path, models: Path, dataset: Dataset) -> None:
     small = models / "don-tiny" / "best.safetensors"
     assert small.stat().st_size < 0.6 * (trained / "best.safetensors").stat().st_size
     whole, half = load_don(trained), shipped_don("don-tiny")
     assert half.calibration == whole.calibration
     assert {p.dtype for p in half.network.parameters()} == {torch.float32}
-    dataset = Dataset.open(tiny_dataset)
     a, b = [s for s in dataset.sequences if s.tier == "rope"][:2]
 
     source, target = a[0], b[0]
@@ -98,14 +98,14 @@ def test_halving_keeps_what_would_be_lost() -> None:
     }
 
 
-def test_card_says_what_it_is(trained: Path, models: Path, tiny_dataset: Path) -> None:
+def test_card_says_what_it_is(trained: Path, models: Path, dataset: Dataset) -> None:
     card = (models / "don-tiny" / "CARD.md").read_text()
     facts = json.loads((trained / "run.json").read_text())
     scores = json.loads((models.parent / "report" / "scores.json").read_text())
     for expected in (
         "# don-tiny\n",
         "pliant predict don-tiny --data DATA",
-        f"Dataset `{Dataset.open(tiny_dataset).id}`",
+        f"Dataset `{dataset.id}`",
         "12 steps of 1 samples",
         f"RMSE\n{facts['validation']['rmse_px']:.2f} px",
         f"| rope | {scores['tiers']['rope']['rmse_px']:.2f}",
@@ -128,9 +128,9 @@ def test_card_of_timecycle(tiny_episode: Path, tmp_path: Path) -> None:
     assert load_matcher(folder).name == "timecycle"
 
 
-def test_card_of_other_data(trained: Path, tiny_dataset: Path) -> None:
+def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     """A depth style shows neither material nor light, and an imported set names no config."""
-    info = Dataset.open(tiny_dataset).info
+    info = dataset.info
     provenance = info["provenance"]
 
     def card(changes: dict[str, object]) -> str:
@@ -154,9 +154,9 @@ def test_card_of_other_data(trained: Path, tiny_dataset: Path) -> None:
     assert "data.yaml" not in unknown
 
 
-def test_data_config_makes_the_same_dataset(models: Path, tiny_dataset: Path) -> None:
+def test_data_config_makes_the_same_dataset(models: Path, dataset: Dataset) -> None:
     config = read_settings(GenerateConfig, models / "don-tiny" / "data.yaml")
-    stored = Dataset.open(tiny_dataset).info["provenance"]["config"]
+    stored = dataset.info["provenance"]["config"]
     assert config.resolved() == stored
 
 
@@ -166,16 +166,16 @@ def test_training_time_is_read_from_the_log(trained: Path, tmp_path: Path) -> No
 
 
 def test_a_shipped_name_is_a_method(
-    as_shipped: None, tiny_dataset: Path, tmp_path: Path, called: Called
+    as_shipped: None, dataset: Dataset, tmp_path: Path, called: Called
 ) -> None:
     out = tmp_path / "sub.parquet"
-    data = ("--data", tiny_dataset)
+    data = ("--data", dataset.root)
     assert called("predict", "don-tiny", *data, "--split", "test", "--out", out)[0] == 0
     assert called("check", out, *data)[0] == 0
     method = read_footer(out)["method"]
     assert method["name"] == "don-tiny"
     assert method["steps"] == 12
-    frame = Dataset.open(tiny_dataset).sequences[0].dir / "rgb" / "000000.png"
+    frame = dataset.sequences[0].dir / "rgb" / "000000.png"
     figure = tmp_path / "figure.png"
     call = ("--source", frame, "--target", frame, "--at", "80,60", "--out", figure)
     _, said, _ = called("match", "don-tiny", *call, "--json")
@@ -189,14 +189,14 @@ def test_a_shipped_name_is_a_method(
 def test_a_run_of_the_same_name_is_not_taken_for_it(
     as_shipped: None,
     trained: Path,
-    tiny_dataset: Path,
+    dataset: Dataset,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     called: Called,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("don-tiny").symlink_to(trained)
-    call = ("--data", tiny_dataset, "--out", "sub.parquet")
+    call = ("--data", dataset.root, "--out", "sub.parquet")
     code, _, error = called("predict", "don-tiny", *call)
     assert code == 2
     assert "Write ./don-tiny for the run" in error
@@ -207,12 +207,12 @@ def test_a_run_of_the_same_name_is_not_taken_for_it(
 def test_export_command(
     trained: Path,
     models: Path,
-    tiny_dataset: Path,
+    dataset: Dataset,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     called: Called,
 ) -> None:
-    call = ("train", "export", trained, "--name", "a-model", "--data", tiny_dataset)
+    call = ("train", "export", trained, "--name", "a-model", "--data", dataset.root)
     scores, card = models.parent / "report" / "scores.json", tmp_path / "a-model" / "CARD.md"
     _, said, _ = called(*call, "--scores", scores, "--out", tmp_path, "--json")
     assert json.loads(said)["model"] == str(tmp_path / "a-model")
@@ -224,9 +224,8 @@ def test_export_command(
 
 
 def test_what_cannot_be_shipped_is_refused(
-    trained: Path, models: Path, tiny_dataset: Path, sheet_dataset: Dataset, tmp_path: Path
+    trained: Path, models: Path, dataset: Dataset, sheet_dataset: Dataset, tmp_path: Path
 ) -> None:
-    dataset = Dataset.open(tiny_dataset)
     with pytest.raises(CallError, match="name cannot be used; found 'Don/Rope'"):
         export_run(trained, "Don/Rope", tmp_path, dataset)
     with pytest.raises(CallError, match="trained on another dataset"):
@@ -270,19 +269,18 @@ def test_unknown_and_damaged_models_are_refused(
 
 
 def test_further_data_and_first_weights_are_named_without_paths(
-    trained: Path, tiny_dataset: Path, tmp_path: Path
+    trained: Path, dataset: Dataset, tmp_path: Path
 ) -> None:
     """The card of a run on several sets names them all; its config has no path of this machine."""
     settings = read_settings(DonSettings, trained / "config.yaml")
     network = settings.network.replace(pretrained=str(trained))
     changed = settings.replace(
         network=network,
-        also=(f"{tiny_dataset}#rope", "#rope"),
+        also=(f"{dataset.root}#rope", "#rope"),
         steps=2,
         cache_dir=str(tmp_path / "cache"),
     )
-    train_don(Dataset.open(tiny_dataset), tmp_path / "run", changed)
-    dataset = Dataset.open(tiny_dataset)
+    train_don(dataset, tmp_path / "run", changed)
     folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
     config = yaml.safe_load((folder / "config.yaml").read_text())
     assert config["also"] == [f"{dataset.id}#rope", "#rope"]
