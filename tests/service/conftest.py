@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,13 +18,14 @@ import pytest
 
 pytest.importorskip("fastapi", reason="needs the extra 'service'")
 
-from sqlalchemy import Select
+from sqlalchemy import Select, select
 
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
 from pliant.publishing import PublishSettings, publish
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
+from pliant.service.models import Job
 from pliant.service.scoring import Result, Task
 from pliant.service.settings import Phase, Scoring
 from pliant.service.submissions import Upload, accept
@@ -42,6 +44,7 @@ class Halves:
     public: Path
     private: Path
     submissions: tuple[Path, ...]
+    bad: Path
 
 
 @pytest.fixture(scope="session")
@@ -54,7 +57,9 @@ def service_halves(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory)
     for name in ("identity", "centroid"):
         files.append(out.parent / f"{name}.parquet")
         predict(Dataset.open(out), "test", METHODS[name](), files[-1])
-    return Halves(out, facts.private, tuple(files))
+    bad = out.with_name("bad.parquet")
+    bad.write_bytes(files[0].read_bytes()[:3000])
+    return Halves(out, facts.private, tuple(files), bad)
 
 
 class PostgresServer:
@@ -144,6 +149,13 @@ class Trial:
         with self.challenge.database.write() as session:
             who = self.who(self.tokens[team])
             return accept(session, self.challenge, self.phase, who, upload)[0].id
+
+    def wait_until_idle(self, seconds: float) -> None:
+        """Wait for workers in other processes or threads until no job is left."""
+        end = time.monotonic() + seconds
+        while self.values(select(Job.id).where(Job.state.in_(["queued", "leased"]))):
+            assert time.monotonic() < end, "jobs are left"
+            time.sleep(0.3)
 
     def work(self, scorer: Scorer | None = None) -> None:
         """Do every job that waits, by default with `quick`."""

@@ -12,11 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
-import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import event, func, select
 
+from pliant.baselines.submission_file import query_keys, write_answers
 from pliant.evaluator import evaluate
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.service.audit import verify_log
@@ -27,6 +28,8 @@ from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring
 from pliant.service.worker import Worker
+from pliant.spec.answers import Answers
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from tests.service.conftest import Halves, MakeTrial, PostgresServer, quick, running_postgres
 from tests.service.server import Server, serving
@@ -45,28 +48,25 @@ class Sender(threading.Thread):
     Args:
         address: Address of the service.
         token: The team's token.
-        source: A valid submission; each file differs from it in the name of its method alone.
+        dataset: The dataset; the files differ in the name of their method alone.
         folder: Folder for the files.
     """
 
-    def __init__(self, address: str, token: str, source: Path, folder: Path) -> None:
+    def __init__(self, address: str, token: str, dataset: Dataset, folder: Path) -> None:
         super().__init__(daemon=True)
         self._client = Client(address, token)
-        self._source, self._folder = pq.read_table(source), folder
+        self._dataset, self._folder = dataset, folder
         self._stopped = threading.Event()
         self.accepted: dict[int, str] = {}
 
     def run(self) -> None:
+        keys = query_keys(self._dataset, "test")
+        unmoved = Answers(np.concatenate([pair.uv_a_px for pair in self._dataset.pairs("test")]))
         number = 0
         while not self._stopped.is_set():
             number += 1
-            path = self._folder / f"{number}.parquet"
-            footer = self._source.schema.metadata[b"pliant"]
-            changed = footer.replace(b'"name": "identity"', b'"name": "m%d"' % number)
-            changed = changed.replace(b'"name":"identity"', b'"name":"m%d"' % number)
-            assert changed != footer
-            metadata = {**self._source.schema.metadata, b"pliant": changed}
-            pq.write_table(self._source.replace_schema_metadata(metadata), path)
+            path, method = self._folder / f"{number}.parquet", {"name": f"m{number}"}
+            write_answers(path, self._dataset, "test", keys, unmoved, method)
             while True:
                 try:
                     view = self._client.send(path)
@@ -98,15 +98,15 @@ def test_killed_at_seeded_moments(
     rng = random.Random(20261124)
     options = ["--workers", "2", *(["--database", url] if url else [])]
     with serving(trial.challenge.root, tmp_path / "log", *options) as server:
-        source = service_halves.submissions[0]
-        sender = Sender(server.address, trial.tokens[0], source, tmp_path)
+        dataset = Dataset.open(service_halves.public)
+        sender = Sender(server.address, trial.tokens[0], dataset, tmp_path)
         sender.start()
         for _ in range(100):
             time.sleep(rng.uniform(0.0, 4.0))
             kill_something(server, rng)
             server.wait()
         sender.stop()
-        wait_until_idle(trial.challenge)
+        trial.wait_until_idle(1500)
         assert server.stop() == 0
     assert sender.accepted
     check_books(trial.challenge, sender.accepted, service_halves)
@@ -127,17 +127,6 @@ def kill_something(server: Server, rng: random.Random) -> None:
     else:
         server.kill()
     server.start()
-
-
-def wait_until_idle(challenge: Challenge, seconds: float = 1500) -> None:
-    end = time.monotonic() + seconds
-    query = select(func.count()).select_from(Job).where(Job.state.in_(["queued", "leased"]))
-    while time.monotonic() < end:
-        with challenge.database.read() as session:
-            if not session.scalar(query):
-                return
-        time.sleep(0.3)
-    raise AssertionError("jobs are left")
 
 
 def check_books(challenge: Challenge, accepted: dict[int, str], halves: Halves) -> None:
@@ -206,7 +195,7 @@ def test_a_database_that_is_gone_for_a_while(
             time.sleep(0.5)
         own_postgres.start()
         assert submit(client, trial.tokens[0], b"after").status_code == 201
-        wait_until_idle(trial.challenge, 60)
+        trial.wait_until_idle(60)
         worker.stop()
         thread.join()
         views = client.get(f"{API}/leaderboard").json()["rows"]

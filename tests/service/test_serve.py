@@ -88,8 +88,6 @@ def test_a_newcomers_path(
     host = json.loads(capfd.readouterr().out)["host_token"]
     assert run(["challenge", "invite", str(root), "Ada", "--json"]) == 0
     token = json.loads(capfd.readouterr().out)["token"]
-    bad = tmp_path / "bad.parquet"
-    bad.write_bytes(halves.submissions[0].read_bytes()[:3000])
     with serving(root, log, "--workers", "1") as server:
         to = ["--to", server.address, "--token", token]
         assert run(["submit", str(halves.submissions[0]), *to]) == 0
@@ -97,9 +95,10 @@ def test_a_newcomers_path(
         assert "rmse_px" in shown.out
         assert "Submission 1: scored" in shown.out
         assert "in the queue" in shown.err
-        assert run(["submit", str(bad), *to, "--json"]) == 1
+        bad = str(halves.bad)
+        assert run(["submit", bad, *to, "--json"]) == 1
         assert json.loads(capfd.readouterr().out)["counts"] == {"FILE_UNREADABLE": 1}
-        assert run(["submit", str(bad), "--to", server.address, "--token", "wrong"]) == 2
+        assert run(["submit", bad, "--to", server.address, "--token", "wrong"]) == 2
         assert "TOKEN_INVALID" in capfd.readouterr().err
         said = {path: fetch(server.address + path) for path in PAGES}
         said |= {f"{path} host": fetch(server.address + path, host) for path in PAGES}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +14,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.wait import WebDriverWait
 
 from tests.browser import Browser
-from tests.service.conftest import Halves, MakeTrial, Trial
+from tests.service.conftest import Halves, MakeTrial
 from tests.service.server import Server, serving
 
 
@@ -82,8 +80,6 @@ def test_a_host_and_a_team(
     dark: bool,
 ) -> None:
     trial = make_trial(RULES)
-    bad = tmp_path / "bad.parquet"
-    bad.write_bytes(service_halves.submissions[0].read_bytes()[:3000])
     with serving(trial.challenge.root, tmp_path / "log", "--workers", "1") as server:
         page = Page(browser, server)
         browser.size(1200, 900)
@@ -116,7 +112,7 @@ def test_a_host_and_a_team(
                 )
             )
             browser.driver.get(server.address + "/submit")
-            page.fill("file", str(bad))
+            page.fill("file", str(service_halves.bad))
             browser.follow("main button.main")
             WebDriverWait(browser.driver, 60).until(
                 lambda driver: "FILE_UNREADABLE" in driver.page_source
@@ -133,23 +129,12 @@ def test_a_host_and_a_team(
         browser.run("document.querySelector('select[name=protocol]').value = 'paper'")
         browser.follow("form[action='/admin/rescore'] button")
         browser.wait("document.body.innerText.includes('1 submission waits')")
-        wait_for_jobs(trial)
+        trial.wait_until_idle(30)
         assert page.go("/submissions/1").count("truth 1") == 2
         assert "rescored" in page.go("/admin/audit")
         look_at_every_page(page, width, dark)
         assert browser.errors() == []
         assert server.stop() == 0
-
-
-def wait_for_jobs(trial: Trial) -> None:
-    for _ in range(300):
-        connection = sqlite3.connect(trial.challenge.root / "challenge.sqlite")
-        left = connection.execute("SELECT count(*) FROM job WHERE state != 'done'").fetchone()[0]
-        connection.close()
-        if not left:
-            return
-        time.sleep(0.1)
-    raise AssertionError("jobs are left")
 
 
 def look_at_every_page(page: Page, width: int, dark: bool) -> None:
