@@ -8,11 +8,11 @@ import shlex
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
+from tests.converters.test_import import knots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests" / "data" / "tiny-submission"
@@ -39,15 +39,8 @@ def test_import_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    from PIL import Image
-
-    Path("SOURCE/images").mkdir(parents=True)
-    for frame in range(2):
-        Image.fromarray(np.full((20, 30, 3), 90, np.uint8)).save(
-            f"SOURCE/images/{frame:06d}_rgb.png"
-        )
     knots = {"0": [[[4, 5]], [[10, 6]]], "1": [[[7, 9]], []]}
-    Path("SOURCE/images/knots_info.json").write_text(json.dumps(knots))
+    knots_folder(Path("SOURCE/images"), knots, frames=2)
     called = commands("import.md")
     assert [command[0] for command in called] == ["import", "validate", "predict", "evaluate"]
     assert [run(command) for command in called] == [0, 0, 0, 0], capsys.readouterr()

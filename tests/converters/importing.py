@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
 
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
@@ -27,6 +32,23 @@ def asked_and_true(out: Path) -> list[tuple[Any, ...]]:
         )
         for key in sorted(queries, key=lambda key: (key[0], queries[key]["u_a"]))
     ]
+
+
+def marked(folder: Path, marks: Mapping[str, Mapping[str, tuple[float, float]]]) -> Path:
+    """Write pictures of noise, 80 x 60, by name, with their marks, masks and depth images."""
+    random, rows = np.random.default_rng(0), ["picture,point,x,y,visible"]
+    for name, points in marks.items():
+        images: dict[str, npt.NDArray[Any]] = {
+            "": random.integers(0, 255, (60, 80, 3), np.uint8),
+            "masks": np.full((60, 80), 255, np.uint8),
+            "depth": np.tile(np.arange(800, 880, dtype=np.uint16), (60, 1)),
+        }
+        for kind, values in images.items():
+            (folder / kind).mkdir(parents=True, exist_ok=True)
+            Image.fromarray(values).save(folder / kind / name)
+        rows += [f"{name},{point},{u},{v},1" for point, (u, v) in points.items()]
+    (folder / "annotations.csv").write_text("\n".join(rows))
+    return folder
 
 
 def imported(source: Path, out: Path, *options: str, warned: str = "") -> Dataset:

@@ -27,10 +27,10 @@ KNOTS = {
 }
 
 
-def knots_folder(folder: Path, document: Any = KNOTS) -> Path:
-    folder.mkdir()
+def knots_folder(folder: Path, document: Any = KNOTS, frames: int = 3) -> Path:
+    folder.mkdir(parents=True)
     (folder / "knots_info.json").write_text(json.dumps(document))
-    for frame in range(3):
+    for frame in range(frames):
         rgb = np.full((HEIGHT, WIDTH, 3), 40 * frame, np.uint8)
         rgb[:, 1::2, 2] += 9  # a picture of one colour would be reported
         Image.fromarray(rgb).save(folder / f"{frame:06d}_rgb.png")

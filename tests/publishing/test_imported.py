@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 
 from pliant.cli.main import run
 from pliant.service.challenge import Challenge
 from pliant.spec.dataset import Dataset
 from pliant.spec.validation.validate import validate
 from tests.conftest import Refused
+from tests.converters.importing import marked
 
 PLACES = {"a": (10.5, 12.5), "b": (40.5, 20.5), "c": (30.5, 33.5)}
 
@@ -22,23 +22,14 @@ PLACES = {"a": (10.5, 12.5), "b": (40.5, 20.5), "c": (30.5, 33.5)}
 def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three pictures of which each has the same three points, one pixel further right."""
     root = tmp_path_factory.mktemp("marked")
-    pictures, masks = root / "pictures", root / "masks"
-    pictures.mkdir()
-    masks.mkdir()
-    rows = ["picture,point,x,y,visible"]
-    for number in range(3):
-        name = f"{number}.png"
-        rng = np.random.default_rng(number)
-        Image.fromarray(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8)).save(pictures / name)
-        mask = np.zeros((48, 64), np.uint8)
-        mask[8:40, 6:56] = 255
-        Image.fromarray(mask).save(masks / name)
-        rows += [f"{name},{point},{u + number},{v},1" for point, (u, v) in PLACES.items()]
-    (pictures / "annotations.csv").write_text("\n".join(rows))
-    out = root / "marked"
-    options = ["--kind", "cloth", "--masks", str(masks)]
-    assert run(["import", str(pictures), "--out", str(out), *options]) == 0
-    return out
+    marks = {
+        f"{number}.png": {point: (u + number, v) for point, (u, v) in PLACES.items()}
+        for number in range(3)
+    }
+    pictures = marked(root / "pictures", marks)
+    options = ["--kind", "cloth", "--masks", str(pictures / "masks")]
+    assert run(["import", str(pictures), "--out", str(root / "marked"), *options]) == 0
+    return root / "marked"
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from pliant.spec.dataset import Dataset
 from pliant.viewer.explorer.app import Explorer
@@ -16,11 +14,10 @@ from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from tests.browser import Browser
-from tests.converters.importing import imported
+from tests.converters.importing import imported, marked
 from tests.viewer.explorer.conftest import Shifted
 from tests.viewer.serving import served
 
-MARKS = "picture,point,x,y,visible\na.png,end,20,30,1\nb.png,end,50,40,1\n"
 SHOWN = "document.querySelector('#picture-a .layer')"
 LOADED = "[...document.querySelectorAll('img.layer')].every(e => e.naturalWidth === 80)"
 STATES = "Object.fromEntries([...document.querySelectorAll('#layers button')].map(e => [e.textContent, e.disabled && e.title]))"  # noqa: E501
@@ -28,17 +25,7 @@ STATES = "Object.fromEntries([...document.querySelectorAll('#layers button')].ma
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    source, random = tmp_path / "source", np.random.default_rng(0)
-    for name in ("", "depth", "masks"):
-        (source / name).mkdir(exist_ok=True)
-    for name in ("a.png", "b.png"):
-        noise = random.integers(0, 255, (60, 80, 3), np.uint8)
-        Image.fromarray(noise).save(source / name)
-        Image.fromarray(np.full((60, 80), 255, np.uint8)).save(source / "masks" / name)
-        depth = np.tile(np.arange(800, 880, dtype=np.uint16), (60, 1))
-        Image.fromarray(depth).save(source / "depth" / name)
-    (source / "annotations.csv").write_text(MARKS)
-    return source
+    return marked(tmp_path / "source", {"a.png": {"end": (20, 30)}, "b.png": {"end": (50, 40)}})
 
 
 @contextmanager
