@@ -17,7 +17,7 @@ import pyarrow as pa
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
-from pliant.spec.io.parquet_columns import codes
+from pliant.spec.io.parquet_columns import codes, stacked
 from pliant.spec.model import MaterialObject
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 
@@ -46,11 +46,9 @@ class PosedMesh:
         table = sequence.points()
         queried = sequence.described.queried
         of_object = table["object"].to_numpy() == queried.id
-        on_surface = np.array([kind == "surface" for kind in table["kind"].to_pylist()], bool)
+        on_surface = codes(table["kind"], ("surface",)) == 0
         rows = np.flatnonzero(of_object & on_surface)
-        columns = [table[name].to_numpy()[rows] for name in ("m0", "m1")]
-        material = np.stack(columns, axis=1).astype(np.float64)
-        return cls(queried, rows, material)
+        return cls(queried, rows, stacked(table, "m0", "m1")[rows].astype(np.float64))
 
     @cached_property
     def faces(self) -> npt.NDArray[np.int32]:
@@ -105,12 +103,9 @@ class PosedPoints:
             SpecError: The table of correspondences is missing or damaged.
         """
         table = frame.correspondences
-        xyz, uv = (
-            np.stack([table[name].to_numpy()[mesh.rows] for name in names], axis=1)
-            for names in (("x_m", "y_m", "z_m"), ("u_px", "v_px"))
-        )
-        states = states_of(table, frame.key)[mesh.rows]
-        return cls(xyz.astype(np.float32), uv.astype(np.float32), states)
+        xyz, uv = stacked(table, "x_m", "y_m", "z_m"), stacked(table, "u_px", "v_px")
+        states, rows = states_of(table, frame.key), mesh.rows
+        return cls(xyz[rows], uv[rows], states[rows])
 
 
 def states_of(correspondences: pa.Table, where: str) -> npt.NDArray[np.uint8]:

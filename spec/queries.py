@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 
 from pliant.spec.errors import SpecError
 from pliant.spec.frame import Pair
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.sequence import RecordedFrame
 
 
@@ -101,7 +102,7 @@ def group_queries(
                 where=f"row {strays[0] + 1}, {name}",
             )
         frames[name] = column.take(pa.array(starts)).to_pylist()
-    uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
+    uv_a_px = stacked(table, "u_a", "v_a")
     return [
         QueryPair(
             pair_id=int(pair_id[start]),

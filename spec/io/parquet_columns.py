@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -221,6 +221,11 @@ def _lengths(text: pa.Array) -> pa.Array:
     if text.type == pa.string_view():
         text = text.cast(pa.large_string())
     return pc.binary_length(text).cast(pa.int64())
+
+
+def stacked(table: pa.Table, *names: str) -> npt.NDArray[Any]:
+    """Return numeric columns of a table next to each other, (N, K), in their common type."""
+    return np.stack([table.column(name).to_numpy() for name in names], axis=1)
 
 
 def codes(column: pa.ChunkedArray | pa.Array, known: Sequence[str]) -> npt.NDArray[np.int32]:

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
+from pliant.spec.io.parquet_columns import stacked
 
 Ints = npt.NDArray[np.int64]
 
@@ -87,7 +88,7 @@ def _queries(table: pa.Table) -> Queries:
     pair = table["pair_id"].to_numpy().astype(np.int64)
     source = np.array([number[each] for each in _frames(table, "a")])
     target = np.array([number[each] for each in _frames(table, "b")])
-    uv_px = np.stack([table["u_a"].to_numpy(), table["v_a"].to_numpy()], axis=1).astype(float)
+    uv_px = stacked(table, "u_a", "v_a").astype(float)
     shown = {}
     for frame in np.unique(source):
         pairs, counts = np.unique(pair[source == frame], return_counts=True)
@@ -120,15 +121,13 @@ def read_answers(whole: Path, split: str, tier: str) -> Answers:
             continue
         sequence = dataset.sequence(key[0])
         table, points = sequence.correspondences(key[1]), sequence.points()
-        places[number] = np.stack(
-            [table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1
-        ).astype(float)
+        places[number] = stacked(table, "u_px", "v_px").astype(float)
         askable = (points["object"].to_numpy() == queried) & (
             np.array(points["kind"].to_pylist()) == "surface"
         )
         seen[number] = askable & (np.array(table["visibility"].to_pylist()) == "visible")
     return Answers(
-        np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1).astype(float),
+        stacked(truth, "u_b", "v_b").astype(float),
         np.array(truth["visibility_b"].to_pylist()) == "visible",
         truth["point"].to_numpy().astype(np.int64),
         places,

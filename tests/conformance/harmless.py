@@ -12,6 +12,7 @@ import pyarrow as pa
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import read_table
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.storage import layout
 
 UNSEEN: Final = {
@@ -81,7 +82,7 @@ def _same_sequence(before: Any, after: Any) -> bool:
                 return False
         first = _projected(before, frame, old)
         # The new numbers through the new camera, and as they are written.
-        for second in (_projected(after, frame, new), _written(new)):
+        for second in (_projected(after, frame, new), stacked(new, "u_px", "v_px", "depth_m")):
             gap = np.abs(first - second).max(axis=0)
             if gap[:2].max() > 0.03 or gap[2] > 5e-5:
                 return False
@@ -95,14 +96,9 @@ def _same_sequence(before: Any, after: Any) -> bool:
 
 
 def _projected(sequence: Any, frame: int, rows: pa.Table) -> np.ndarray[Any, Any]:
-    xyz = np.stack([rows.column(f"{axis}_m").to_numpy() for axis in "xyz"], axis=1)
+    xyz = stacked(rows, "x_m", "y_m", "z_m")
     found: np.ndarray[Any, Any] = sequence.camera(frame).project(xyz.astype(np.float64))
     return found
-
-
-def _written(rows: pa.Table) -> np.ndarray[Any, Any]:
-    names = ("u_px", "v_px", "depth_m")
-    return np.column_stack([rows.column(name).to_numpy() for name in names])
 
 
 def _same_listing(base: Path, changed: Path) -> bool:

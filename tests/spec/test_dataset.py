@@ -11,6 +11,7 @@ import pytest
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io.parquet_columns import stacked
 from tests.conformance.edits import ROPE_TEST, change_rows, remove
 from tests.spec.conftest import DATASETS
 
@@ -58,10 +59,8 @@ def test_projection_by_the_formula() -> None:
         assert frame.camera is not None
         K, pose = frame.camera.K, frame.camera.world_to_camera
         rows = frame.correspondences
-        xyz, uvz = (
-            np.stack([rows[name].to_numpy() for name in names], axis=1).astype(np.float64)
-            for names in (("x_m", "y_m", "z_m"), ("u_px", "v_px", "depth_m"))
-        )
+        xyz = stacked(rows, "x_m", "y_m", "z_m").astype(np.float64)
+        uvz = stacked(rows, "u_px", "v_px", "depth_m").astype(np.float64)
         local = xyz @ pose[:3, :3].T + pose[:3, 3]
         uv = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
         for found in (np.column_stack([uv, local[:, 2]]), frame.camera.project(xyz)):

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.parquet import read_table
-from pliant.spec.io.parquet_columns import codes
+from pliant.spec.io.parquet_columns import codes, stacked
 from pliant.spec.storage import layout
 from pliant.spec.tables import TRUTH
 from pliant.spec.validation.findings import FileProblems
@@ -52,10 +52,9 @@ def read_tracks(context: Context, known: SequenceResult) -> Tracks | None:
     askable = surface & (numbers(points, "object") == queried)
     path = context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
     table = read_table(path, "correspondences", ["u_px", "v_px", "visibility"])
-    uv = np.stack([numbers(table, "u_px"), numbers(table, "v_px")], axis=1)
     state = codes(table.column("visibility"), VISIBILITY_STATES).astype(np.int8)
     return Tracks(
-        uv.reshape(known.frames, count, 2),
+        stacked(table, "u_px", "v_px").reshape(known.frames, count, 2),
         state.reshape(known.frames, count),
         askable,
         partners.flatten().to_numpy().reshape(count, -1),

@@ -13,7 +13,7 @@ import pyarrow as pa
 from pliant.spec.camera import Camera
 from pliant.spec.conventions import OUT_OF_FRAME, VISIBILITY_STATES
 from pliant.spec.io import limits
-from pliant.spec.io.parquet_columns import codes
+from pliant.spec.io.parquet_columns import codes, stacked
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import CheckedTable, numbers, report_not_finite
@@ -172,7 +172,7 @@ def _split(
     )
     good = report_not_finite(batch, _FLOATS, start, problems)
     good &= (frame >= 0) & (frame < frames) & (point >= 0) & (point < points) & (state >= 0)
-    values = np.stack([numbers(batch, name) for name in _FLOATS], axis=1).astype(np.float64)
+    values = stacked(batch, *_FLOATS).astype(np.float64)
     edges = np.flatnonzero(np.diff(frame)) + 1
     for low, high in zip([0, *edges], [*edges, len(frame)], strict=True):
         rows = np.arange(low, high)[good[low:high]]

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.io import limits
-from pliant.spec.io.parquet_columns import codes
+from pliant.spec.io.parquet_columns import codes, stacked
 from pliant.spec.model import Tier
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.tables import check_table, numbers, report_not_finite
@@ -84,7 +84,7 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
         lambda i: (f"row {i}, kind", f"required: {' | '.join(POINT_KINDS)}"),
     )
     finite = report_not_finite(rows, ["m0", "m1"], 0, problems)
-    material = np.stack([numbers(rows, "m0"), numbers(rows, "m1")], axis=1).astype(np.float64)
+    material = stacked(rows, "m0", "m1").astype(np.float64)
     inside = np.zeros(len(material), np.bool_)
     for each in tier.objects:
         mine = object_id == each.id

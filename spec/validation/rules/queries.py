@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from pliant.spec.conventions import VISIBLE
 from pliant.spec.io import limits
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
@@ -140,7 +141,7 @@ class _SplitCheck:
             return
         if not self._check_frames(pair_id, pair):
             return
-        uv_a = np.stack([numbers(rows, "u_a"), numbers(rows, "v_a")], axis=1)
+        uv_a = stacked(rows, "u_a", "v_a")
         answers = None if truth is None else answer_columns(truth)
         point = self._check_sources(pair_id, query_ids, pair, uv_a, answers)
         if answers is not None:
