@@ -5,7 +5,6 @@ Every change is written to `annotations.csv` in the folder of the pictures at on
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from functools import wraps
@@ -20,7 +19,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from pliant.spec.errors import PliantError
-from pliant.spec.io.photo import read_photo
+from pliant.spec.io.photo import encoded, read_photo
 from pliant.viewer.annotation import Annotation, Suggester
 from pliant.viewer.local_app import page_application
 
@@ -93,6 +92,5 @@ def _jpeg(path: Path) -> Response:
         rgb = read_photo(path)
     except PliantError as error:  # it was removed or replaced meanwhile
         return JSONResponse({"error": str(error)}, 422)
-    buffer = io.BytesIO()
-    Image.fromarray(rgb).save(buffer, "JPEG", quality=_JPEG_QUALITY)
-    return Response(buffer.getvalue(), media_type="image/jpeg")
+    data = encoded(Image.fromarray(rgb), "JPEG", quality=_JPEG_QUALITY)
+    return Response(data, media_type="image/jpeg")

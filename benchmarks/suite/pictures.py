@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -20,6 +19,7 @@ from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.scores import read_scores
 from pliant.spec.arrays import Rgb
 from pliant.spec.dataset import Dataset
+from pliant.spec.io.photo import encoded
 from pliant.spec.queries import QueryPair
 
 _FRAMES_SHOWN: Final = 6
@@ -86,6 +86,4 @@ def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tu
 def _png(image: Rgb) -> bytes:
     """Return a PNG whose white parts are transparent, so that it fits a dark page too."""
     alpha = np.where((image == 255).all(axis=2), 0, 255).astype(np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(np.dstack([image, alpha])).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
+    return encoded(Image.fromarray(np.dstack([image, alpha])), "PNG", optimize=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from PIL import Image
 from pliant.converters.targets.recording import Options, Recording
 from pliant.spec.errors import CallError
 from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
+from pliant.spec.io.photo import encoded
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
@@ -104,9 +104,8 @@ def _images(sequence: SequenceRecord) -> dict[str, pa.Array]:
         name = layout.rgb_name(frame)
         data = read_bytes(sequence.file(name), MAX_IMAGE_FILE_BYTES)
         rgb.append({"bytes": data, "path": name})
-        tiff = io.BytesIO()
-        Image.fromarray(sequence.surface(frame).depth_m).save(tiff, "TIFF")
-        depth.append({"bytes": tiff.getvalue(), "path": f"depth/{frame:06d}.tiff"})
+        tiff = encoded(Image.fromarray(sequence.surface(frame).depth_m), "TIFF")
+        depth.append({"bytes": tiff, "path": f"depth/{frame:06d}.tiff"})
     return {RGB: pa.array(rgb, _IMAGE), DEPTH: pa.array(depth, _IMAGE)}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import colorsys
 import html
-import io
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from pliant.evaluator.report.pages import data_uri
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.photo import encoded
 from pliant.spec.storage import layout
 
 _PAGE_WIDTH: Final = 480  # px of the frames that a page stores
@@ -163,12 +163,11 @@ def panel_svg(
     rgb = None if dataset is None else _image(dataset, sequence, frame)
     if rgb is None:
         return f'<rect {shape} fill="#dfe3e6"/>'
-    buffer = io.BytesIO()
     picture = Image.fromarray(rgb)
     if most_px is not None:
         picture.thumbnail((most_px, most_px))
-    picture.save(buffer, "JPEG", quality=85)
-    return f'<image {shape} href="{data_uri(buffer.getvalue(), "image/jpeg")}"/>'
+    data = encoded(picture, "JPEG", quality=85)
+    return f'<image {shape} href="{data_uri(data, "image/jpeg")}"/>'
 
 
 def _image(dataset: Dataset, sequence: str, frame: int) -> npt.NDArray[np.uint8] | None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Final
+from typing import IO, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +72,19 @@ def decode_photo(source: Path | IO[bytes], max_side: int | None = None) -> npt.N
             size = with_longer_side(picture.size, max_side)
             picture = picture.resize(size, Image.Resampling.BOX)
         return np.array(picture, dtype=np.uint8)
+
+
+def encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
+    """Return a picture as the bytes of a file.
+
+    Args:
+        picture: The picture.
+        form: Pillow's name of the format, such as `PNG`.
+        options: Pillow's options of the format.
+    """
+    buffer = io.BytesIO()
+    picture.save(buffer, form, **options)
+    return buffer.getvalue()
 
 
 def photo_size(path: Path | str) -> tuple[int, int]:

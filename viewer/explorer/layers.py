@@ -5,7 +5,6 @@ Heat maps are small pictures that a browser lays over the target.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -19,6 +18,7 @@ from pliant.baselines.matcher import Heat
 from pliant.evaluator.report.colours import depth_image, index_image, material_colours
 from pliant.spec.arrays import FloatArray, Rgb
 from pliant.spec.frame import Frame
+from pliant.spec.io.photo import encoded
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.drawing import dimmed, heat_range
@@ -163,9 +163,7 @@ def _grid(mask: npt.NDArray[np.bool_], count: int) -> FloatArray:
 
 def png(rgb: Rgb) -> bytes:
     """Return a picture as a PNG."""
-    buffer = io.BytesIO()
-    Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
-    return buffer.getvalue()
+    return encoded(Image.fromarray(rgb), "PNG", compress_level=1)
 
 
 def heat_png(heat: Heat) -> bytes:
@@ -188,9 +186,7 @@ def heat_png(heat: Heat) -> bytes:
     colours, alpha = _palette()
     picture = Image.fromarray(level, "P")
     picture.putpalette(colours)
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", transparency=alpha, compress_level=1)
-    return buffer.getvalue()
+    return encoded(picture, "PNG", transparency=alpha, compress_level=1)
 
 
 @cache
