@@ -49,24 +49,10 @@ def test_all_problems_in_one_pass(copy_of: Copy) -> None:
     root = copy_of("full")
     spoil(root)
     report = validate(root)
-    assert not report.valid
-    assert report.counts == {
-        "FILE_EXTRA": 1,
-        "FILE_MISSING": 1,
-        "REPROJECTION_DISAGREES": 2 * 93,
-    }
-    first = report.issues[0]
-    assert (first.code, first.path, first.severity) == ("FILE_EXTRA", "junk", "error")
+    assert report.counts == {"FILE_EXTRA": 1, "FILE_MISSING": 1, "REPROJECTION_DISAGREES": 2 * 93}
     moved = [issue for issue in report.issues if issue.code == "REPROJECTION_DISAGREES"]
-    assert moved[0].path == f"{ROPE_TRAIN}/correspondences.parquet"
-    assert moved[0].where.startswith("frame 0, point ")
     assert "projects to" in moved[0].message
-
-
-def test_workers_do_not_change_the_report(copy_of: Copy) -> None:
-    root = copy_of("full")
-    spoil(root)
-    assert validate(root, workers=3) == validate(root, workers=1)
+    assert validate(root, workers=3) == report  # workers do not change it
 
 
 def test_quick_leaves_images_and_geometry_alone(copy_of: Copy) -> None:
