@@ -12,6 +12,8 @@ import numpy.typing as npt
 from pliant.evaluator.metrics.blocks import positions_px
 from pliant.evaluator.report.colours import material_colours
 from pliant.spec.arrays import FloatArray
+from pliant.spec.conventions import VISIBLE
+from pliant.spec.point_mesh import PosedMesh, states_of
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.drawing import show
 
@@ -32,10 +34,8 @@ def _true_tracks(
         Positions in pixels, float64 (T, N, 2); whether they are visible, bool (T, N); colours,
         float64 (N, 3), 0 to 1.
     """
-    tier, points = sequence.described, sequence.points()
-    of_object = np.asarray(points["object"].to_numpy()) == tier.queried_object
-    rows = np.flatnonzero(of_object & (np.asarray(points["kind"].to_pylist()) == "surface"))
-    m = positions_px(points, "m0", "m1")[rows]
+    tier, mesh = sequence.described, PosedMesh.of(sequence)
+    m = mesh.material
     if tier.kind == "rope":  # along one side
         order = np.lexsort((np.abs(m[:, 1] - np.pi / 2), np.round(m[:, 0], 6)))
         chosen = order[np.linspace(0, len(order) - 1, _POINTS).round().astype(int)]
@@ -44,11 +44,10 @@ def _true_tracks(
         grid = np.stack(np.meshgrid([0.1, 0.37, 0.63, 0.9], [0.15, 0.5, 0.85]), -1).reshape(-1, 2)
         chosen = np.argmin(((m[None] - grid[:, None]) ** 2).sum(-1), axis=1)
         colours = material_colours(m[chosen, 0], m[chosen, 1], tier)
-    table = sequence.correspondences()
-    shape = (sequence.frames, len(points))
-    uv_px = positions_px(table, "u_px", "v_px").reshape(*shape, 2)[:, rows[chosen]]
-    visible = (np.asarray(table["visibility"].to_pylist()) == "visible").reshape(shape)
-    return uv_px, visible[:, rows[chosen]], colours
+    table, rows = sequence.correspondences(), mesh.rows[chosen]
+    uv_px = positions_px(table, "u_px", "v_px").reshape(sequence.frames, -1, 2)
+    visible = (states_of(table, sequence.id) == VISIBLE).reshape(sequence.frames, -1)
+    return uv_px[:, rows], visible[:, rows], colours
 
 
 def draw_tracks(sequence: SequenceRecord, frames: Sequence[int], out: Path) -> None:
