@@ -18,7 +18,6 @@ An attack has found something where its score is many standard deviations better
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,8 +64,7 @@ class Outcome:
         return self.z > LEAK_Z
 
 
-Attack = Callable[[Queries], FloatArray]
-"""Returns float64 (N, 2), predicted answers, NaN where the attack has none."""
+# Attacks return float64 (N, 2), predicted answers, NaN where they have none.
 
 
 def rank_on_one_axis(queries: Queries) -> FloatArray:

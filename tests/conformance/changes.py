@@ -102,10 +102,6 @@ def move_camera_along_x(document: Document) -> None:
 # Rows.
 
 
-def clear(rows: Rows) -> None:
-    rows.clear()
-
-
 def reverse_rows(rows: Rows) -> None:
     rows.reverse()
 

@@ -13,7 +13,6 @@ from typing import Any, Final
 from tests.faults.inputs import create, once, pliant, publish
 from tests.faults.trainings import DON, TIMECYCLE, training
 
-Action = Callable[[], int]
 _PICTURE: Final = "data/sequences/rope/rope-test-000000/rgb/00000"
 _RECORDS: Final = (".pliant", "tensorboard")
 """Folders of logs, whose content differs from run to run."""

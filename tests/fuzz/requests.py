@@ -31,8 +31,8 @@ from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation
 from pliant.viewer.explorer.opening import open_explorer
 from pliant.viewer.local_app import site_application
+from tests.fuzz.reader import ROOT
 
-ROOT: Final = Path(__file__).parents[2]
 DATA: Final = ROOT / "spec" / "conformance" / "datasets" / "full"
 HOST: Final = b"127.0.0.1:80"
 _client: Final = count()

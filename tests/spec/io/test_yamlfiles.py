@@ -12,8 +12,6 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.yamlfiles import SettingsFileError, parse_yaml, read_yaml, yaml_text
 
-ROOT = Path(__file__).parents[3]
-
 
 @pytest.mark.parametrize(
     ("text", "value"),
