@@ -82,13 +82,10 @@ def path_option(
     )
 
 
-def port_options(function: F) -> F:
+def port_options(function: F, default: str = "any that is free") -> F:
     """Add `--port` and `--no-browser`, the options of a local web page."""
     port = click.option(
-        "--port",
-        type=click.IntRange(0, 65535),
-        default=0,
-        help="Port on 127.0.0.1; default: any that is free.",
+        "--port", type=click.IntRange(0, 65535), default=0, help=f"Port; default: {default}."
     )
     quiet = click.option(
         "--no-browser", is_flag=True, help="Print the address, do not open a browser."

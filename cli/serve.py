@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,12 @@ from pliant.cli.challenge import database_option, require_service
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
 from pliant.cli.terminal import echo
+from pliant.spec.errors import CallError
 
 
 @click.command("serve")
 @click.argument("place", metavar="CHALLENGE|SITE", type=PATH)
-@port_options
+@partial(port_options, default="8000 for a challenge, any that is free for a site")
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on (challenge)."
 )
@@ -44,9 +46,8 @@ def command(
 ) -> None:
     """Serve a CHALLENGE (web, API and workers), or a static SITE to this machine.
 
-    CHALLENGE is a folder of `pliant challenge create`; port 8000 unless --port says otherwise.
-    SITE is a folder that `pliant leaderboard` wrote, or any other folder with an index.html. Ctrl-C
-    stops it; running jobs are finished first.
+    CHALLENGE is a folder of `pliant challenge create`. SITE is a folder that `pliant leaderboard`
+    wrote, or any other folder with an index.html. Ctrl-C stops it; running jobs are finished first.
     """
     if (place / "challenge.yaml").is_file():
         require_service()
@@ -56,6 +57,13 @@ def command(
         echo(f"Serving {place} on http://{host}:{port}; Ctrl-C stops it.")
         serve(place, host=host, port=port, database_url=database, **given)
         return
+    if not (place / "index.html").is_file():
+        raise CallError(
+            "there is neither a challenge nor a site",
+            path=place,
+            required="a folder with challenge.yaml or index.html",
+            fix="Make one with: pliant challenge create, or pliant leaderboard REPORTS --out SITE",
+        )
     from pliant.viewer.local_app import site_server
 
     show_page(site_server(place, port), str(place), no_browser=no_browser)
