@@ -28,9 +28,9 @@ def command(
 
     Each METHOD (a name that `pliant methods` lists, the folder of a training run or FILE.py:CLASS)
     answers while the pointer moves. A submission, or a REPORT of `pliant evaluate` with its
-    submission in the same folder or the one above, shows its recorded answers. Default: the
-    shipped models for the objects of DATA, and SIFT, where torch and OpenCV are installed. The page
-    is served to this machine alone; Ctrl-C ends.
+    submission in the same folder, the one above or the current one, shows its recorded answers.
+    Default: the shipped models for the objects of DATA, and SIFT, where torch and OpenCV are
+    installed. The page is served to this machine alone; Ctrl-C ends.
     """
     from pliant.api import load, open_method
     from pliant.viewer.explorer.opening import open_explorer

@@ -107,8 +107,8 @@ def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> R
 def read_report(folder: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:
     """Return the recorded answers that a report scores.
 
-    The submission is the file that the report names, by its sha256: in the report's folder or the
-    one above.
+    The submission is the file that the report names, by its sha256: in the report's folder, the
+    one above, or the current one, from where `pliant evaluate` named it.
 
     Args:
         folder: A folder of `pliant evaluate`.
@@ -121,15 +121,16 @@ def read_report(folder: Path, dataset: Dataset, queries: RecordedQueries) -> Rec
     """
     submission = read_scores(folder).document["submission"]
     name = Path(submission["file"]).name
-    for place in (folder, folder.resolve().parent):
+    for place in (folder, folder.resolve().parent, Path()):
         file = place / name
         if file.is_file() and sha256_file(file) == submission["sha256"]:
             return read_submission(file, dataset, queries)
     raise CallError(
         "the submission of the report is not there",
         path=folder,
-        required=f"{name}, sha256 {submission['sha256'][:16]}…, in the folder or the one above",
-        fix="Put it there, or name the submission instead of the report.",
+        required=f"{name}, sha256 {submission['sha256'][:16]}…, in the report's folder, the one "
+        "above or the current one",
+        fix="Name the submission instead of the report.",
     )
 
 

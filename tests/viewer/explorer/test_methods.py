@@ -46,7 +46,9 @@ def test_pairs_have_the_error_of_their_answers(explorer: Explorer) -> None:
         assert {round(each, 3) for each in errors if each is not None} == {5.0}
 
 
-def test_a_report_finds_its_submission(tiny_dataset: Path, submit: Submit, tmp_path: Path) -> None:
+def test_a_report_finds_its_submission(
+    tiny_dataset: Path, submit: Submit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     submission = submit(tiny_dataset, 2.0)
     write_report(evaluate(submission, tiny_dataset), tmp_path / "report")
     dataset, report = Dataset.open(tiny_dataset), [str(tmp_path / "report")]
@@ -55,6 +57,10 @@ def test_a_report_finds_its_submission(tiny_dataset: Path, submit: Submit, tmp_p
     (tmp_path / "answers.parquet").write_bytes(submission.read_bytes())
     (found,) = open_explorer(dataset, report, open_method).methods
     assert found.name == "moved 2 px"
+    (tmp_path / "reports").mkdir()
+    report = [str((tmp_path / "report").rename(tmp_path / "reports" / "moved"))]
+    monkeypatch.chdir(tmp_path)  # `pliant evaluate answers.parquet --out reports/moved`
+    assert len(open_explorer(dataset, report, open_method).methods) == 1
     (tmp_path / "answers.parquet").write_bytes(submit(tiny_dataset, 1.0).read_bytes())
     with pytest.raises(CallError, match="the submission of the report is not there"):
         open_explorer(dataset, report, open_method)  # another file of the same name
