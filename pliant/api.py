@@ -330,7 +330,7 @@ def validate(dataset: Dataset | Path | str, *, workers: int = 1) -> Report:
         CallError: The dataset is not a folder on this machine.
 
     Examples:
-        >>> pliant.validate(pliant.load("sample")).valid
+        >>> pliant.validate("sample").valid
         True
     """
     from pliant.spec.validation.validate import validate as validate_folder

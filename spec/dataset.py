@@ -37,6 +37,12 @@ SAMPLE_NAME: Final = "sample"
 SAMPLE: Final = Path(__file__).parent / "sample"
 """The small dataset of the package: 12 ropes in two frames each, packed."""
 
+
+def sample_or(root: Path | str) -> Path | str:
+    """Return the small dataset of the package for `sample`, if no such folder exists."""
+    return SAMPLE if str(root) == SAMPLE_NAME and not Path(root).exists() else root
+
+
 _LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
 """Columns of `sequences.parquet` that a `SequenceRecord` has."""
 
@@ -85,8 +91,7 @@ class Dataset:
                 damaged. (`pliant validate` lists everything that is wrong.)
             MissingExtraError: A URL, and fsspec is not installed.
         """
-        if str(root) == SAMPLE_NAME and not Path(root).exists():
-            root = SAMPLE
+        root = sample_or(root)
         files: Files
         files = storage = storage_of(root)
         if not storage.has(layout.DATASET_JSON):

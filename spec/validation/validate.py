@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
+from pliant.spec.dataset import sample_or
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
@@ -105,7 +106,7 @@ def validate(
     Raises:
         CallError: The folder is not there, or an argument makes no sense.
     """
-    root = Path(root)
+    root = Path(sample_or(root))
     if not root.is_dir():
         raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
     if workers < 1 or limit < 1:
