@@ -54,7 +54,9 @@ def read_source(path: Path, options: PictureOptions | None = None) -> Source:
     """
     options = options or PictureOptions()
     if not path.exists():
-        raise CallError("there is nothing to import", path=path)
+        raise CallError(
+            "file or folder not found", path=path, fix="Name annotations, tracks, or their folder."
+        )
     if tracks := _track_files(path):
         given = next((each for each in (options.pairs, options.masks, options.depth) if each), None)
         if given is not None:

@@ -120,6 +120,7 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, rejected: Rejected) -> Non
         assert said in rejected(source, "--size", size, code=2)
     said = r"--title: the text has a control or bidirectional character; found \u202e"
     assert said in rejected(source, "--title", "a\u202eb", code=2)
+    assert "file or folder not found" in rejected(tmp_path / "nowhere", code=2)
     (tmp_path / "no-truth").mkdir()
     (tmp_path / "no-truth" / "mine").touch()
     assert "the output exists already" in rejected(source, code=2)
