@@ -85,8 +85,9 @@ def command(
 
     METHOD is a name that `pliant methods` lists (all but oracle), the folder of a training run,
     or a matcher of your own: path/to/my.py:Matcher or package.module:Matcher. Without a mask, a
-    background of one colour gives one; otherwise the whole target is searched. A rope's ball is
-    separated from a mask that contains it. The heat map is drawn for a single point.
+    background of one colour gives one; on others don-rope and don-cloth find the object, and other
+    methods search the whole target. A rope's ball is separated from a mask that contains it. The
+    heat map is drawn for a single point.
     """
     from pliant.spec.errors import CallError
     from pliant.viewer.match_figure import check_figure_path, draw_match
