@@ -87,9 +87,9 @@ def check_comparable(reports: Sequence[Scores]) -> None:
             a, b = _get(first, keys), _get(other.document, keys)
             if a != b:
                 raise CallError(
-                    f"reports of different {words}s cannot be held against each other"
+                    f"reports of different {words}s cannot be compared"
                     if not words.endswith(("queries", "truth"))
-                    else f"reports scored with other {words} cannot be held against each other",
+                    else f"reports scored with other {words} cannot be compared",
                     found=f"{reports[0].method}: {a}; {other.method}: {b}",
                     fix="Evaluate both submissions by one protocol on one dataset.",
                 )

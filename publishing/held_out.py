@@ -155,7 +155,7 @@ def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
     safe = int(pairs * of_position / bits)
     return (
         f"the scores of a competition may reveal answers of split {split}: {MAX_SUBMISSIONS} "
-        f"submissions of {figures} figures tell up to {positions:,} positions, and the split has "
+        f"submissions of {figures} figures reveal up to {positions:,} positions, and the split has "
         f"{pairs:,} image pairs with {visible:,} visible answers. Hold out more image pairs, or "
         f"allow at most {safe:,} of these submissions"
     )

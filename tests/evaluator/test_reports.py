@@ -173,7 +173,7 @@ def test_pairing_cancels_what_is_hard_for_both(scene_maker: Any, tmp_path: Path)
 def test_reports_that_do_not_compare_are_refused(reports: Path, scene: Any, tmp_path: Path) -> None:
     near = read_scores(reports / "near")
     elsewhere = scene.score(tmp_path, name="other")
-    with pytest.raises(CallError, match="other queries cannot be held against each other"):
+    with pytest.raises(CallError, match="other queries cannot be compared"):
         render_leaderboard([near, elsewhere])
     paper = scene.score(tmp_path, protocol="paper")
     with pytest.raises(CallError, match="different protocols"):

@@ -215,7 +215,7 @@ def test_a_guessable_seed_is_refused_unless_the_answers_are_public(
     err = refused(0, *arguments, "--answers-are-public")
     assert "Warning: the held-out answers are public" in err
     # 7 figures and 3 tiers: 100 * 10 * log2(9,000) / log2(160 * 120) = 923.2
-    assert "100 submissions of 10 figures tell up to 923 positions" in err
+    assert "100 submissions of 10 figures reveal up to 923 positions" in err
     assert "12 image pairs" in err
     assert run(["publish", str(halves.whole), "--out", str(tmp_path / "open")]) == 0
 
