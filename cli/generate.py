@@ -61,7 +61,9 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
     "--engine", ["local", "ray"], "Processes of this machine, or a Ray cluster.", "local"
 )
 @click.option(
-    "--dry-run", is_flag=True, help="Show the plan and an estimate of the time; generate nothing."
+    "--dry-run",
+    is_flag=True,
+    help="Show the plan, and after short trials of each tier the time and space; write nothing.",
 )
 @json_option
 def command(
@@ -155,6 +157,8 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
     if stored is not None:
         refuse_changes(stored, config.resolved(), out)
     plan = plan_run(config, out)
+    if not as_json:
+        echo(describe_plan(plan, config, out, workers))
     estimate = estimate_run(config, plan, workers)
     if as_json:
         document = {
@@ -167,7 +171,6 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
         }
         echo_json(document)
         return 0
-    echo(describe_plan(plan, config, out, workers))
     echo(
         f"By trials of each tier with {plural(workers, 'worker')}: about "
         f"{duration(estimate.seconds)}, {decimal(estimate.bytes)} in "
