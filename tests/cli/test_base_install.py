@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import subprocess
@@ -114,6 +115,24 @@ def test_methods_marks_what_is_missing(outcomes: dict[str, tuple[int, str, str]]
     assert missing["don-rope"] == "pip install 'pliant[train]'"
     assert missing["vismatch:NAME"] == "pip install vismatch"
     assert missing["fused:METHOD"] == "pip install 'pliant[classical]'"
+
+
+@pytest.mark.parametrize("room", ["models", "loaders"])
+def test_extra_train_brings_what_training_imports(room: str) -> None:
+    """As in an environment with this extra alone: `pip install 'pliant[train]'`."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    brought = [*declared["dependencies"], *declared["optional-dependencies"]["train"]]
+    names = {re.split(r"[=<>;\[ ]", each)[0].lower() for each in brought}
+    imported = {
+        name.partition(".")[0]
+        for path in (ROOT / room).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in [getattr(node, "module", None) or node.names[0].name]
+    }
+    distributions = {"cv2": "opencv-python-headless", "PIL": "pillow", "yaml": "pyyaml"}
+    foreign = imported - sys.stdlib_module_names - {"pliant"}
+    assert {distributions.get(each, each).lower() for each in foreign} <= names
 
 
 def test_the_extras_are_those_of_the_package() -> None:
