@@ -1,6 +1,7 @@
 """A challenge with hidden answers on one's own machine: publish, create, invite, serve, submit."""
 
 import re
+import shlex
 import socket
 import subprocess
 import sys
@@ -15,8 +16,8 @@ out = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
 
 def pliant(*words: object) -> str:
     """Run a command as you would at a terminal, and return what it prints."""
-    print("pliant", *words)
     call = [PLIANT, *map(str, words)]
+    print(shlex.join(["pliant", *call[1:]]))
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
 
 
