@@ -29,6 +29,11 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _PICTURE_CHUNKS: Final = frozenset({b"IHDR", b"sRGB", b"gAMA", b"cHRM", b"IDAT", b"IEND"})
 
 
+_NAMES_OF_FILES: Final = frozenset({"source", "sources", "pictures"})
+"""Settings of `pliant import` with names of the host's files, by which the answers of known
+pictures could be looked up."""
+
+
 def without_seeds(value: Any) -> Any:
     """Return a JSON value without any field called `seed` or `…_seed`, however deep."""
     if isinstance(value, dict):
@@ -46,17 +51,19 @@ def public_info(info: Mapping[str, Any], hold_out: Collection[str]) -> dict[str,
     """Return `dataset.json` as published with splits held out.
 
     The seed goes, of the settings too: with it anybody could generate the held-out answers
-    again. What the settings say in addition is how, not what.
+    again. So do the names of imported files. What the settings say in addition is how, not what.
 
     Args:
         info: The dataset's own.
         hold_out: The splits.
     """
     provenance = info["provenance"]
+    config = without_seeds(provenance["config"])
+    config = {key: value for key, value in config.items() if key not in _NAMES_OF_FILES}
     return {
         **info,
         "held_out": [split for split in info["splits"] if split in hold_out],
-        "provenance": {**provenance, "seed": None, "config": without_seeds(provenance["config"])},
+        "provenance": {**provenance, "seed": None, "config": config},
     }
 
 
