@@ -125,8 +125,9 @@ def validate(
             for tier, name in packed:
                 if is_name(tier) and is_name(name):
                     folders.setdefault(tier, set()).add(name)
+        if not check_checksums(context, findings):
+            return _report(root, quick, findings, limit, 0, 0)
         rows = check_listing(context, folders, findings)
-        check_checksums(context, findings)
         row_of = {(row["tier"], name): row for name, row in rows.items()}
         tasks = [
             (context, tier, name, row_of.get((tier, name)))

@@ -42,6 +42,17 @@ def published(imported: Path) -> Path:
 def test_public_half_has_pictures_and_masks_and_no_answer(imported: Path, published: Path) -> None:
     assert not validate(published).issues
     public, own = Dataset.open(published), Dataset.open(imported)
+def test_public_half_has_no_name_of_the_hosts_files(published: Path) -> None:
+    config = Dataset.open(published).info["provenance"]["config"]
+    assert config["points"] == ["a", "b", "c"]
+    assert not {"source", "sources", "pictures"} & set(config)
+
+
+def test_private_half_is_refused_as_a_dataset_in_one_sentence(published: Path) -> None:
+    (issue,) = validate(published.with_name("public-private")).issues
+    assert "private half" in issue.message
+
+
     for frame, before in zip(public.frames(), own.frames(), strict=True):
         np.testing.assert_array_equal(frame.rgb, before.rgb)
         assert frame.mask is not None

@@ -106,12 +106,15 @@ def _compare_folders(
         findings.add("ROW_MISSING", SEQUENCES_TABLE, "", text)
 
 
-def check_checksums(context: Context, findings: Findings) -> None:
+def check_checksums(context: Context, findings: Findings) -> bool:
     """Check that the dataset is the one its checksums and its manifest speak of.
 
     Args:
         context: The dataset.
         findings: Gets `CHECKSUM_DIFFERS`, `FILE_UNLISTED`, `FILE_MISSING`, `IDENTITY_DIFFERS`.
+
+    Returns:
+        Whether anything else can be checked: a private half is not a dataset.
     """
     root = context.root
     sums = root / layout.CHECKSUMS
@@ -120,14 +123,18 @@ def check_checksums(context: Context, findings: Findings) -> None:
             _compare_checksums(root, read_checksums(sums), findings)
     manifest = root / layout.MANIFEST_JSON
     if not manifest.is_file() or manifest.is_symlink():
-        return
+        return True
     problems = findings.at(layout.MANIFEST_JSON)
     document = read_document(manifest, "manifest", problems)
     if document is None:
-        return
-    found, half, required = document["dataset"], document["half"], context.identity
-    if found != required or half != "public":
-        text = f"found {found}, {half}; required: {required}, public"
+        return True
+    if document["half"] != "public":
+        text = "this is the private half of a published dataset, with the answers alone"
+        problems.add("IDENTITY_DIFFERS", "dataset, half", f"{text}; required: the public half")
+        return False
+    found, required = document["dataset"], context.identity
+    if found != required:
+        text = f"found {found}; required: {required}"
         problems.add("IDENTITY_DIFFERS", "dataset, half", text)
     if sorted(document["held_out"]) != sorted(context.held_out):
         text = f"found {document['held_out']}; dataset.json has {sorted(context.held_out)}"
@@ -137,6 +144,7 @@ def check_checksums(context: Context, findings: Findings) -> None:
     elif (found := sha256_file(sums)) != document["checksums_sha256"]:
         text = f"found sha256 {found}; manifest.json names {document['checksums_sha256']}"
         findings.add("CHECKSUM_DIFFERS", layout.CHECKSUMS, "", text)
+    return True
 
 
 def _compare_checksums(root: Path, listed: dict[str, str], findings: Findings) -> None:
