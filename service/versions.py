@@ -205,8 +205,8 @@ def _truth(dataset: Dataset, private: Path, split: str) -> Path:
 def _figures(protocol: Protocol, dataset: Dataset, split: str) -> list[dict[str, Any]]:
     """Return the figures that participants see, as `public_scores` selects them."""
     tiers = sorted({each.tier for each in dataset.sequences if each.split == split})
-    of_tier = protocol.headline if len(tiers) == 1 else protocol.headline[:1]
-    groups = [("overall", protocol.headline), *((tier, of_tier) for tier in tiers)]
+    of_tiers = tiers if len(tiers) > 1 else []  # the figures of a single tier are those of all
+    groups = [("overall", protocol.headline), *((tier, protocol.headline[:1]) for tier in of_tiers)]
     return [
         {
             "group": group,

@@ -10,6 +10,7 @@ import yaml
 
 from pliant.cli.main import run
 from pliant.service.challenge import Challenge
+from pliant.service.versions import versions_of
 from pliant.spec.dataset import Dataset
 from pliant.spec.validation.validate import validate
 from tests.conftest import Refused
@@ -68,6 +69,9 @@ def test_both_halves_make_a_challenge(published: Path, tmp_path: Path) -> None:
     assert [phase.split for phase in challenge.settings.phases] == ["test"]
 
 
+    with challenge.database.read() as session:
+        (version,) = versions_of(session, "test")
+    assert {figure["group"] for figure in version.figures} == {"overall"}  # it has one tier
 def test_scores_by_the_private_half_are_those_by_the_imported_answers(
     imported: Path, published: Path, tmp_path: Path
 ) -> None:
