@@ -87,6 +87,7 @@ def test_scores_by_the_private_half_are_those_by_the_imported_answers(
         assert run(["evaluate", str(answers), *arguments]) == 0
         scores.append((out / "per_pair.parquet").read_bytes())
     assert scores[0] == scores[1]
+        assert "1 sequence.</p>" in (out / "report.html").read_text()
 
 
 def test_the_papers_say_what_is_known(published: Path) -> None:
