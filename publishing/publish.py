@@ -79,8 +79,8 @@ def publish(
         out: The public half; a new or empty folder.
         settings: How; None holds nothing out.
         private: The private half; None takes the public one's name with `-private` behind.
-        truth: Of imported pictures, the folder with the answers that `pliant import` wrote; None
-            takes the dataset's name with `-truth` behind.
+        truth: Of imported pictures, the answers that `pliant import` wrote: the file, or its
+            folder; None takes the dataset's name with `-truth` behind.
         progress: Called after each sequence.
 
     Returns:
@@ -133,7 +133,7 @@ def _open(source: Path, settings: PublishSettings, truth: Path) -> Dataset:
             "only a loose dataset can be published, and this one is packed",
             path=source,
             required=f"a folder with {layout.SEQUENCES_DIR}/",
-            fix="Publish the folder that `pliant generate` wrote.",
+            fix="Publish the folder that `pliant generate` or `pliant import` wrote.",
         )
     for split in dataset.held_out:  # imported pictures: their answers are in another folder
         if split not in settings.hold_out:
@@ -142,13 +142,13 @@ def _open(source: Path, settings: PublishSettings, truth: Path) -> Dataset:
                 path=source,
                 required=f"--hold-out {split}",
             )
-        answers = truth / f"{split}.parquet"
+        answers = truth if truth.is_file() else truth / f"{split}.parquet"
         if not answers.is_file():
             raise CallError(
                 "only a dataset with its answers can be published",
                 path=answers,
                 found="no such file",
-                fix="Name the folder with the answers of imported pictures: --truth DIR4.",
+                fix="Name the answers of imported pictures: --truth DIR4.",
             )
         dataset = dataset.with_truth(answers)
     for split in settings.hold_out:
@@ -222,8 +222,10 @@ def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
         shown, visible = shown_answers(dataset, split)
         if shown:
             warnings.append(
-                f"{shown:,} of the {visible:,} visible answers of split {split} stand as query "
-                "pixels of the same frame in another pair: somebody may snap to them"
+                f"{shown:,} of the {visible:,} visible answers of split {split} are query pixels "
+                "of the same frame in another pair, so that answers can be moved to the nearest. "
+                "Import pictures with --pair-list and let each be a source only or a target only, "
+                "and tracks with --queries first"
             )
         if (text := scores_reveal(dataset, split, visible)) is not None:
             warnings.append(text)

@@ -36,7 +36,9 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def published(imported: Path) -> Path:
     out = imported.with_name("public")
-    assert run(["publish", str(imported), "--out", str(out), "--hold-out", "test"]) == 0
+    truth = imported.with_name("marked-truth") / "test.parquet"  # or its folder, the default
+    options = ["--hold-out", "test", "--truth", str(truth)]
+    assert run(["publish", str(imported), "--out", str(out), *options]) == 0
     return out
 
 
@@ -95,6 +97,16 @@ def test_the_papers_say_what_is_known(published: Path) -> None:
     front = yaml.safe_load(card.split("---\n")[1])
     assert (front["license"], front["license_name"]) == ("other", "licenseref-unknown")
     assert "people marked the points" in card
+    assert "rope" not in front["tags"]
+    croissant = (published / "croissant.json").read_text()
+    said = [
+        word for word in ("imulated", "generator", "no human", "no people") if word in croissant
+    ]
+    assert not said
+    private = published.with_name("public-private") / "README.md"
+    about, warnings = private.read_text().split("## Beware")
+    assert "cameras" not in about
+    assert "--pair-list" in warnings
     assert "spdx.org" not in card + (published / "LICENSE").read_text()
     assert "license" not in yaml.safe_load((published / "CITATION.cff").read_text())
 
