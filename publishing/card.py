@@ -17,7 +17,7 @@ from rich.filesize import decimal
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.pages import render_page
 from pliant.publishing import pairs
-from pliant.publishing.papers import licence_url
+from pliant.publishing.papers import keywords, licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
@@ -48,7 +48,7 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
         info={**info, "id": dataset.id, "version": dataset.version},
         kinds=" and ".join(sorted({tier.kind for tier in dataset.tiers.values()})),
         size=dataset.size,
-        recorded=_is_recorded(dataset),
+        recorded=is_recorded(dataset),
         pictures=_draw(dataset, root),
         tiers=_tiers(dataset),
         held_out=list(dataset.held_out),
@@ -64,8 +64,12 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
     (root / "README.md").write_bytes(text.encode("utf-8"))
 
 
-def _is_recorded(dataset: Dataset) -> bool:
-    """Return whether people marked its points: the material of its tiers is unknown."""
+def is_recorded(dataset: Dataset) -> bool:
+    """Return whether its points were annotated: the material of its tiers is unknown.
+
+    Args:
+        dataset: The dataset.
+    """
     axes = [
         axis.name
         for tier in dataset.tiers.values()
@@ -152,7 +156,7 @@ def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
         **({"license": licence} if listed else {"license": "other", "license_name": licence}),
         "pretty_name": dataset.info["title"],
         "task_categories": ["keypoint-detection", "image-feature-extraction"],
-        "tags": ["pliant", "dense correspondence", "deformable objects", "rope", "cloth"],
+        "tags": ["pliant", *keywords(dataset.info)],
         "size_categories": [_size_category(frames)],
         "configs": configurations(dataset, root),
         "dataset_info": [

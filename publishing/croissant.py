@@ -11,6 +11,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from pliant.publishing import pairs
+from pliant.publishing.card import is_recorded
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.jsonfiles import write_json
@@ -70,17 +71,9 @@ def write_croissant(
 def _responsible(dataset: Dataset) -> dict[str, Any]:
     """Return the RAI fields: how the data came about and what it should not be taken for."""
     provenance = dataset.info["provenance"]
-    synthetic = provenance["config"] != {}
-    how = (
-        "Simulated ropes and cloths, rendered; answers are computed from the simulated geometry."
-        if synthetic
-        else "Brought in from outside; see the description."
-    )
-    fields = {
-        "rai:dataCollection": f"{how} Made with {provenance['generator']}.",
-        "rai:dataCollectionType": ["Software Collection"] if synthetic else ["Others"],
-        **_resource("croissant.rai.json"),
-    }
+    rendered = provenance["config"] != {} and not is_recorded(dataset)
+    fields = dict(_resource("croissant.rai.json")["rendered" if rendered else "recorded"])
+    fields["rai:dataCollection"] += f" Made with {provenance['generator']}."
     if dataset.held_out:
         fields["rai:dataCollectionMissingData"] = (
             f"The answers of {', '.join(dataset.held_out)} are held out for evaluation."

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from pliant.evaluator.report.pages import render_page
-from pliant.publishing.card import write_card
+from pliant.publishing.card import is_recorded, write_card
 from pliant.publishing.croissant import write_croissant
 from pliant.publishing.held_out import (
     listed,
@@ -187,7 +187,11 @@ def write_private(
         shutil.copyfile(sequence.dir / layout.SEQUENCE_JSON, folder / layout.SEQUENCE_JSON)
         progress("Setting the answers apart", done, len(held))
     text = _page(
-        "private_readme.md.j2", info=dataset.info, hold_out=settings.hold_out, warnings=warnings
+        "private_readme.md.j2",
+        info=dataset.info,
+        hold_out=settings.hold_out,
+        recorded=is_recorded(dataset),
+        warnings=warnings,
     )
     _write_text(root / "README.md", text)
 

@@ -46,6 +46,16 @@ def citation(
     return yaml.safe_dump(given, sort_keys=False, allow_unicode=True, width=100)
 
 
+def keywords(info: Mapping[str, Any]) -> list[str]:
+    """Return the keywords of a dataset, with the kinds of its objects.
+
+    Args:
+        info: The dataset's `dataset.json`.
+    """
+    kinds = sorted({tier["kind"] for tier in info["tiers"]})
+    return ["dense correspondence", "deformable objects", *kinds]
+
+
 def zenodo(
     info: Mapping[str, Any], authors: Sequence[str], url: str | None, date: str | None
 ) -> dict[str, Any]:
@@ -64,7 +74,7 @@ def zenodo(
         "description": info["description"] or info["title"],
         "creators": [{"name": author} for author in authors],
         "access_right": "open",
-        "keywords": ["dense correspondence", "deformable objects", "rope", "cloth"],
+        "keywords": keywords(info),
     }
     if licence_url(info["licence"]) is not None:
         document["license"] = str(info["licence"]).lower()

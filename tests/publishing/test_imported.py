@@ -42,9 +42,6 @@ def published(imported: Path) -> Path:
     return out
 
 
-def test_public_half_has_pictures_and_masks_and_no_answer(imported: Path, published: Path) -> None:
-    assert not validate(published).issues
-    public, own = Dataset.open(published), Dataset.open(imported)
 def test_public_half_has_no_name_of_the_hosts_files(published: Path) -> None:
     config = Dataset.open(published).info["provenance"]["config"]
     assert config["points"] == ["a", "b", "c"]
@@ -56,6 +53,9 @@ def test_private_half_is_refused_as_a_dataset_in_one_sentence(published: Path) -
     assert "private half" in issue.message
 
 
+def test_public_half_has_pictures_and_masks_and_no_answer(imported: Path, published: Path) -> None:
+    assert not validate(published).issues
+    public, own = Dataset.open(published), Dataset.open(imported)
     for frame, before in zip(public.frames(), own.frames(), strict=True):
         np.testing.assert_array_equal(frame.rgb, before.rgb)
         assert frame.mask is not None
@@ -69,11 +69,11 @@ def test_both_halves_make_a_challenge(published: Path, tmp_path: Path) -> None:
     assert run(["challenge", "create", str(tmp_path / "challenge"), *arguments]) == 0
     challenge = Challenge.open(tmp_path / "challenge")
     assert [phase.split for phase in challenge.settings.phases] == ["test"]
-
-
     with challenge.database.read() as session:
         (version,) = versions_of(session, "test")
     assert {figure["group"] for figure in version.figures} == {"overall"}  # it has one tier
+
+
 def test_scores_by_the_private_half_are_those_by_the_imported_answers(
     imported: Path, published: Path, tmp_path: Path
 ) -> None:
@@ -87,9 +87,9 @@ def test_scores_by_the_private_half_are_those_by_the_imported_answers(
         out = tmp_path / data.name
         arguments = ["--data", str(data), "--truth", str(truth), "--out", str(out)]
         assert run(["evaluate", str(answers), *arguments]) == 0
+        assert "1 sequence.</p>" in (out / "report.html").read_text()
         scores.append((out / "per_pair.parquet").read_bytes())
     assert scores[0] == scores[1]
-        assert "1 sequence.</p>" in (out / "report.html").read_text()
 
 
 def test_the_papers_say_what_is_known(published: Path) -> None:
