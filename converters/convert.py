@@ -117,7 +117,7 @@ def chosen_sequences(
             else "there are no such sequences",
             path=dataset.address,
             found=", ".join(asked) or "all sequences",
-            required=known if splits else "a dataset with truth, as pliant generate writes it",
+            required=known if splits else "a dataset with truth inside, as of pliant generate",
         )
     return usable
 

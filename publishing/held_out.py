@@ -163,8 +163,8 @@ def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
     return (
         f"the scores of a competition may reveal answers of split {split}: {MAX_SUBMISSIONS} "
         f"submissions of {figures} figures reveal up to {positions:,} positions, and the split has "
-        f"{pairs:,} image pairs with {visible:,} visible answers. Hold out more image pairs, or "
-        f"allow at most {safe:,} of these submissions"
+        f"{pairs:,} image pairs with {visible:,} visible answers. Hold out more image pairs"
+        + (f", or allow at most {safe:,} of these submissions" if safe else "")
     )
 
 

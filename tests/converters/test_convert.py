@@ -214,7 +214,9 @@ def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
             chosen_sequences(sample, split="test")
         assert {each.split for each in chosen_sequences(sample)} == {"train", "val"}
         sample.info["held_out"] = ["train", "val", "test"]  # as an import
-        with pytest.raises(CallError, match="found all sequences; required: a dataset with truth"):
+        with pytest.raises(
+            CallError, match="found all sequences; required: a dataset with truth inside"
+        ):
             chosen_sequences(sample)
     finally:
         del sample.info["held_out"]

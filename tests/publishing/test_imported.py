@@ -96,7 +96,7 @@ def test_the_papers_say_what_is_known(published: Path) -> None:
     card = (published / "README.md").read_text()
     front = yaml.safe_load(card.split("---\n")[1])
     assert (front["license"], front["license_name"]) == ("other", "licenseref-unknown")
-    assert "people marked the points" in card
+    assert "its points are annotations" in card
     assert "rope" not in front["tags"]
     croissant = (published / "croissant.json").read_text()
     said = [
