@@ -100,8 +100,8 @@ def rope_traces(
 
     Gaps in it are bridged first, and a rope that leaves the picture and comes back is joined
     outside (`bridging.py`). Readings start at the rope's ball where there is one, and at both
-    ends else. With a likelihood, paths sampled from the model of `chain.py` are
-    added: they need no start.
+    ends otherwise. With a likelihood, paths sampled from the model of `chain.py` are added: they
+    need no start.
 
     Args:
         mask: bool (H, W), the rope.
