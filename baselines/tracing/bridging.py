@@ -165,12 +165,12 @@ def _cost(one: _End, other: _End, half_px: float) -> float:
     """Return the cost of a bridge, rad²."""
     gap = other.place - one.place
     length = max(float(np.linalg.norm(gap)), 1e-6)
-    turns = [one.turn(gap / length), other.turn(-gap / length)]
+    cost = TRACING.bridge_length * length / half_px
     if one.at_border and other.at_border:
-        return TRACING.bridge_length * length / half_px
+        return cost
+    turns = [one.turn(gap / length), other.turn(-gap / length)]
     known = [turn for turn in turns if turn is not None]
-    squares = 2 * float(np.mean(np.square(known)))
-    return squares + TRACING.bridge_length * length / half_px
+    return 2 * float(np.mean(np.square(known))) + cost
 
 
 def _curve(one: _End, other: _End) -> FloatArray:

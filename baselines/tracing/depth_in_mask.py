@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing.settings import TRACING
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import FloatArray, IntArray, Mask
 from pliant.spec.mask_box import mask_box
 
 MARGIN: Final = 1.15
@@ -85,37 +85,32 @@ def ridge(depth_px: FloatArray, least_px: float) -> Mask:
     return np.asarray((depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > least_px))
 
 
-def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:
+def pixel_links(places: FloatArray | IntArray) -> sparse.csr_array:
+    """Return which of N pixels are neighbours (of eight), (N, N); each pair stands once.
+
+    Args:
+        places: (N, 2), pixels.
+    """
+    count = len(places)
+    pairs = np.zeros((0, 2), np.int64)
+    if count:
+        pairs = cKDTree(places).query_pairs(1.5, output_type="ndarray")
+    return sparse.csr_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+
+
+def steps_along(mask: Mask, links: sparse.csr_array, start: tuple[int, int]) -> IntArray:
     """Return how many steps inside the mask (eight neighbours) lead from a pixel to each other one.
 
     Args:
         mask: bool (H, W).
+        links: `pixel_links` of its pixels in row-major order.
         start: Row and column of a pixel of the mask.
 
     Returns:
         int64 (H, W); -1 where no way leads.
     """
-    return _steps_from(_neighbours(mask), mask, start)
-
-
-def _neighbours(mask: Mask) -> sparse.csr_array:
-    """Return the graph of a mask's pixels, in row-major order, (N, N); each pair stands once."""
-    number = np.pad(np.cumsum(mask).reshape(mask.shape) * mask, 1)  # from 1; 0 off the mask
-    own = number[1:-1, 1:-1]
-    pairs = []
-    for ahead in (number[1:-1, 2:], number[2:, :-2], number[2:, 1:-1], number[2:, 2:]):
-        both = (own > 0) & (ahead > 0)
-        pairs.append((own[both] - 1, ahead[both] - 1))
-    one, other = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
-    size = int(number.max())
-    return sparse.csr_array((np.ones(len(one)), (one, other)), shape=(size, size))
-
-
-def _steps_from(
-    neighbours: sparse.csr_array, mask: Mask, start: tuple[int, int]
-) -> npt.NDArray[np.int64]:
     first = int(mask.ravel()[: start[0] * mask.shape[1] + start[1]].sum())
-    found = csgraph.dijkstra(neighbours, directed=False, indices=first, unweighted=True)
+    found = csgraph.dijkstra(links, directed=False, indices=first, unweighted=True)
     steps = np.full(mask.shape, -1, dtype=np.int64)
     steps[mask] = np.where(np.isfinite(found), found, -1)
     return steps
@@ -129,11 +124,12 @@ def farthest_pixels(mask: Mask) -> list[tuple[int, int]]:
     """
     box = mask_box(mask)
     mask = mask[box]
-    neighbours = _neighbours(mask)
-    row, column = np.argwhere(mask)[0]
+    places = np.argwhere(mask)
+    links = pixel_links(places)
+    row, column = places[0]
     ends = [(int(row), int(column))]
     for _ in range(3):  # the first sweep only finds an end to sweep from
-        steps = _steps_from(neighbours, mask, ends[-1])
+        steps = steps_along(mask, links, ends[-1])
         row, column = np.unravel_index(int(steps.argmax()), mask.shape)
         ends.append((int(row), int(column)))
     return [(row + box[0].start, column + box[1].start) for row, column in ends[2:]]

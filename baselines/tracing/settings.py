@@ -94,8 +94,8 @@ class TracingSettings:
         strands_side_px: But of no larger mask than this (cost).
         bridge_least: Smaller parts of a mask are not bridged to, square half widths (unrecorded).
         bridge_parts: Masks with more parts are not bridged (cost).
-        bridge_reach: Length over which the direction of a loose end is measured (compared: without
-            its last one or two half widths, the error is no smaller).
+        bridge_reach: Length over which the direction of a loose end is measured (compared:
+            leaving out the last one or two half widths does not reduce the error).
         bridge_most: Largest cost of a bridge, rad² (compared: with 0.6, 1.2 and 3, ropes with
             clutter have 30.9, 30.9 and 34.7 px, next to cloths 85.0, 79.7 and 79.7; with 3 second
             ropes are bridged to).

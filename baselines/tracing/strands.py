@@ -21,6 +21,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
+from pliant.baselines.tracing.depth_in_mask import pixel_links
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.mask_box import mask_box
@@ -178,7 +179,7 @@ def _graph(skeleton: Mask, half_px: float, most: int) -> tuple[list[Strand], set
         others = np.flatnonzero(~in_node)
         for part in _parts(places[others], most):  # and what is left between them
             in_node[others[part]] = len(part) < half_px
-    nodes, node_of = csgraph.connected_components(_links(places[in_node]), directed=False)
+    nodes, node_of = csgraph.connected_components(pixel_links(places[in_node]), directed=False)
     free = places[~in_node]
     node_at = np.zeros(len(free), np.int64)
     if nodes:
@@ -205,22 +206,13 @@ def _graph(skeleton: Mask, half_px: float, most: int) -> tuple[list[Strand], set
 
 def _parts(places: FloatArray, most: int) -> Iterator[npt.NDArray[np.int64]]:
     """Yield the lines among pixels, the numbers of each in order; nothing for too many lines."""
-    links = _links(places)
+    links = pixel_links(places)
     count, part_of = csgraph.connected_components(links, directed=False)
     if count > 10 * most:  # most of them would have to be spurs
         return
     for first in np.unique(part_of, return_index=True)[1]:
         end = _from(links, int(first))[-1]
         yield _from(links, int(end))
-
-
-def _links(places: FloatArray) -> sparse.csr_array:
-    """Return which of N pixels are neighbours, (N, N)."""
-    count = len(places)
-    pairs = np.zeros((0, 2), np.int64)
-    if count:
-        pairs = cKDTree(places).query_pairs(1.5, output_type="ndarray")
-    return sparse.csr_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
 
 
 def _from(links: sparse.csr_array, first: int) -> npt.NDArray[np.int64]:

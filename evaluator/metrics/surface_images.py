@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
+from pliant.spec.mask_box import mask_box
 from pliant.spec.model import MaterialObject
 
 
@@ -49,7 +50,7 @@ def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
 
     Folds and crossings, where neighbours are far apart on the material, do not move the median.
     """
-    box = _box(surface.on_object)
+    box = mask_box(surface.on_object)
     on, m0, m1 = surface.on_object[box], surface.m0[box], surface.m1[box]
     steps = []
     for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -61,14 +62,6 @@ def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
     found = np.concatenate(steps)
     found = found[found > 0]
     return float(np.median(found)) if len(found) else 0.0
-
-
-def _box(on_object: BoolArray) -> tuple[slice, slice]:
-    """Return the rows and columns between which the object is; no rows where it is nowhere."""
-    rows, columns = (np.flatnonzero(on_object.any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        return slice(0, 0), slice(0, 0)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def farthest_material_m(described: MaterialObject) -> float:
@@ -149,7 +142,7 @@ def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArra
     from scipy.ndimage import binary_dilation
     from scipy.spatial import cKDTree
 
-    box = _box(on_object)
+    box = mask_box(on_object)
     framed = np.pad(on_object[box], 1)
     rows, columns = np.nonzero(binary_dilation(framed) & ~framed)
     if not len(rows):

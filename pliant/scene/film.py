@@ -285,7 +285,7 @@ def _write_sequence(film: Film, config: GenerateConfig, task: SequenceTask, out:
     scene_object = replace(film.scene_object, temporal=film.temporal)
     queried = describe_tier(config, task.tier).queried_object
     facts = [frame_facts(scene_object, shot.pose, shot.truth, queried) for shot in film.shots]
-    info = sequence_info(config, task, scene_object, film.look, facts) | {"noise": None}
+    info = sequence_info(config, task, scene_object, film.look, facts)
     with writing_sequence(task.folder(out)) as writer:
         for shot in film.shots:
             writer.add_frame(shot.rgb, shot.truth, shot.camera)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, rope_traces
-from pliant.baselines.tracing.depth_in_mask import depth_in_mask, steps_along
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, pixel_links, steps_along
 from pliant.baselines.tracing.walk import sampled
 from pliant.spec.frame import Frame, Pair
 
@@ -74,7 +74,7 @@ def test_steps_follow_the_mask() -> None:
     """A U: the two tips are near in the image and far along it."""
     mask = np.zeros((6, 5), bool)
     mask[:, 0] = mask[:, 4] = mask[5] = True
-    steps = steps_along(mask, (0, 0))
+    steps = steps_along(mask, pixel_links(np.argwhere(mask)), (0, 0))
     assert steps[0, 4] == 12  # five down, less one for each corner cut; four across; as many up
     assert steps[0, 2] == -1
 

@@ -156,7 +156,7 @@ def test_symmetries_of_a_tube(maps: tuple[Any, ...]) -> None:
     "maps",
     [
         (([[1, 0], [0, 1]], [0, 4]),),  # the identity, once round
-        (([[1, 0], [0, 1]], [0, 1]),),  # a quarter turn alone is no group
+        (([[1, 0], [0, 1]], [0, 1]),),  # a quarter turn alone is not a group
         (([[-1, 0], [0, -1]], [0, 0]),),  # leaves the range of s
         (([[-2, 0], [0, 1]], [1, 0]),),
         (([[1, 0.5], [0, 1]], [0, 0]),),  # s would jump at the seam of theta
