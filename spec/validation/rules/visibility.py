@@ -206,10 +206,10 @@ def _report_hidden(windows: Windows, problems: FileProblems) -> None:
         away = np.sqrt((windows.steps_m**2).sum(axis=-1))
         deep = np.abs(near - depth[:, None, None])
         surely = np.any((away <= close) & (deep <= close), axis=(1, 2))
-        lines = np.stack([near[:, 1, :], near[:, :, 1]])
+        lines = np.concatenate([windows.depth_m[:, 2, :], windows.depth_m[:, :, 2]], axis=1)
         with np.errstate(invalid="ignore"):
-            bends = np.abs(np.diff(lines, n=2)[..., 0])
-        surely &= np.all(bends <= BEND * windows.footprint_m, axis=0)
+            bends = np.abs(np.diff(lines.reshape(-1, 2, 5), n=2)).max(axis=(1, 2))
+        surely &= bends <= BEND * windows.footprint_m
     problems.add_rows(
         "OCCLUDED_DISAGREES",
         hidden & (nearer | (windows.smooth & surely) | misnamed | nobody),

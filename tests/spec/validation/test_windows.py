@@ -64,9 +64,16 @@ def test_from_which_depth_a_point_is_behind_its_pixels() -> None:
     assert behind(both, (0.5, 0.5)) == pytest.approx(2 - 0.06 - 2e-6, abs=1e-6)
 
 
-def bent(slope: float, along: Any, where: Any = 1) -> Surface:
-    """Return a sheet with a fold under AT: second differences of twice its slope."""
-    return image(depth_m=1 + slope * np.abs(along - (30.5 if along is U else 25.5)) * where)
+def bent(slope: float, along: Any, where: Any = 1, beside: float = 0) -> Surface:
+    """Return a sheet with a fold under or beside AT: second differences of twice its slope."""
+    fold = (30.5 if along is U else 25.5) + beside
+    return image(depth_m=1 + slope * np.abs(along - fold) * where)
+
+
+def rising(last: float, along: Any, near_m: float = 1) -> Surface:
+    """Return a sheet that bends by 0.98 footprints a pixel, up to the last step of AT's 5x5."""
+    x = along - (30.5 if along is U else 25.5)
+    return image(depth_m=near_m * (1 + np.sign(last) * ((abs(last) - 0.0147) * x + 0.0049 * x**2)))
 
 
 def with_rope_at(u: int, v: int, *, of: Surface) -> Surface:
@@ -126,19 +133,24 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (bent(0.00510, U), SELF | {"depth": 1.01}, False),
         (bent(0.00510, U, (V == 25.5)), SELF | {"depth": 1.01}, False),  # in its own row alone
         (bent(0.00510, V, (U == 30.5)), SELF | {"depth": 1.01}, False),
+        *[
+            (bent(0.00510, along, beside=by), SELF | {"depth": 1.01}, wrong)
+            for along in (U, V)
+            for by, wrong in ((1, False), (-1, False), (2, True), (-2, True))
+        ],
         (bent(0.00510, U, (V == 26.5)), SELF | {"depth": 1.01}, True),
         (bent(0.00510, V, (U == 31.5)), SELF | {"depth": 1.01}, True),
         # Not where the 5x5 pixels have a step of more than three footprints of depth, ...
         *[
-            (image(depth_m=1 + step * (along > last)), SELF | {"depth": 1.01}, wrong)
-            for along, last in ((U, 32), (V, 27))
-            for step, wrong in ((0.0299, True), (0.0301, False), (-0.0301, False))
+            (rising(last, along), SELF | {"depth": 1.01}, wrong)
+            for along in (U, V)
+            for last, wrong in ((0.0299, True), (0.0301, False), (-0.0299, True), (-0.0301, False))
         ],
         (image(depth_m=1 + 0.0301 * (U < 29)), SELF | {"depth": 1.01}, False),
         (image(depth_m=1 + 0.5 * ((U > 33) | (U < 28))), SELF | {"depth": 1.01}, True),
         # which are those of the surface that is shown, here twice as far away, ...
-        (image(depth_m=2 + 0.0599 * (U > 32)), SELF | {"depth": 2.01}, True),
-        (image(depth_m=2 + 0.0601 * (U > 32)), SELF | {"depth": 2.01}, False),
+        (rising(0.0299, U, 2), SELF | {"depth": 2.01}, True),
+        (rising(0.0301, U, 2), SELF | {"depth": 2.01}, False),
         # or of material, whose two coordinates make one step, ...
         (image(m0=U + 1.99 * (U > 32)), SELF | {"depth": 1.01}, True),
         (image(m0=U + 2.01 * (U > 32)), SELF | {"depth": 1.01}, False),
