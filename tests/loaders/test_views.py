@@ -14,15 +14,16 @@ from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from tests.loaders.sheet_dataset import write_sheet_dataset
 
 
-def test_resizing_keeps_positions() -> None:
+@pytest.mark.parametrize("size", [(160, 120), (256, 192), (427, 320), (640, 192), (800, 720)])
+def test_resizing_keeps_positions(size: tuple[int, int]) -> None:
     """A blob's centre of mass moves to (u w / W, v h / H): no half-pixel shift."""
     u, v = np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5)
     blob = 250 * np.exp(-((u - 203.3) ** 2 + (v - 318.9) ** 2) / (2 * 12**2))
     rgb = np.repeat(blob.round().astype(np.uint8)[..., None], 3, axis=2)
-    small = resize_rgb(rgb, (160, 120))[..., 0].astype(float)
-    u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    small = resize_rgb(rgb, size)[..., 0].astype(float)
+    u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
     centre = np.array([(small * u).sum(), (small * v).sum()]) / small.sum()
-    np.testing.assert_allclose(centre, [203.3 / 4, 318.9 / 4], atol=0.02)
+    np.testing.assert_allclose(centre, [203.3 * size[0] / 640, 318.9 * size[1] / 480], atol=0.02)
 
 
 def test_mask_is_where_half_the_pixel_is_covered() -> None:
@@ -31,6 +32,9 @@ def test_mask_is_where_half_the_pixel_is_covered() -> None:
     mask[0, 2] = True  # a quarter of the second
     mask[2:, 2:] = True  # all of the last
     assert resize_mask(mask, (2, 2)).tolist() == [[True, False], [False, True]]
+    third = np.arange(5)[None].repeat(2, 0) < 2  # 0.8 of the first of two, nothing of the second
+    assert resize_mask(third, (2, 2)).tolist() == [[True, False]] * 2
+    assert resize_mask(~third, (2, 2)).tolist() == [[False, True]] * 2
 
 
 def test_depth_is_picked_never_averaged() -> None:
