@@ -32,6 +32,7 @@ from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.arrays import Rgb
 from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_to_dict
+from pliant.spec.errors import GenerationError
 
 T = TypeVar("T")
 
@@ -170,6 +171,12 @@ class SequenceMaker:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
                         rgb = apply_noise(rng, rgb, truth.surface, config.noise)
+                if (rgb == rgb[0, 0]).all():
+                    raise GenerationError(
+                        "the picture is one colour: its faults leave nothing of the object",
+                        where=f"frame {frame}",
+                        fix="Reduce depth_camera or noise, or make a larger image.",
+                    )
                 yield rgb, truth, frame_facts(scene_object, pose, truth, queried)
 
         return Shooting(scene_object, camera, appearance, frames())

@@ -178,10 +178,11 @@ class RopeSettings(Settings):
             least = math.ceil(self.length_m / (0.75 * self.radius_m)) + 1
             raise Refused(f"at least {least}, one cross section per 0.75 radii", "rows")
         low = 1.2 * self.radius_m / self.strand_radius_m
-        high = 0.06 * self.length_m / self.strand_radius_m
+        high = min(0.06 * self.length_m, 7.5 * self.radius_m) / self.strand_radius_m
         if self.ball and not low <= self.ball_strand_radii <= high:
             raise Refused(
-                f"{low:.3g} to {high:.3g}: a ball thicker than the rope and far shorter",
+                f"{low:.3g} to {high:.3g}: a ball thicker than the rope, far shorter, and not "
+                "higher than the rope can rise",
                 "ball_strand_radii",
             )
 

@@ -48,6 +48,7 @@ REFUSED = {
     "rope.rows=100 rope.turns=5": "rope.rows",
     "rope.ball_strand_radii=1": "rope.ball_strand_radii",
     "rope.ball_strand_radii=30": "rope.ball_strand_radii",
+    "rope.length_m=3 rope.rows=360 rope.ball_strand_radii=19": "rope.ball_strand_radii",
     'rope.knot_diameters={"overhand":[22,60]}': "rope.knot_diameters.overhand",
     'rope.knot_diameters={"overhand":[5,30]}': "rope.knot_diameters.overhand",
     'rope.knot_diameters={"overhand":[22,30]}': "rope.knot_diameters.figure-eight",

@@ -69,7 +69,7 @@ def make_configuration(
         where="cloth.coverage_band",
         found=", ".join(f"{count} x {reason}" for reason, count in sorted(refused.items())),
         required=f"silhouette coverage from {band[0]:g} to {band[1]:g}",
-        fix="Widen coverage_band or raise max_tries",
+        fix="Widen coverage_band, raise max_tries, or set sides to any",
     )
 
 

@@ -85,7 +85,8 @@ def sample_configuration(
     raise GenerationError(
         f"no possible {kind} was found in {most} attempts",
         where="rope",
-        fix="Make the rope longer or thinner, widen the workspace, or leave this shape out.",
+        fix="Make the rope longer or thinner, widen the workspace, take fewer control_points, or "
+        "leave this shape out.",
     )
 
 

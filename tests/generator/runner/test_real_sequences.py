@@ -8,9 +8,15 @@ import pytest
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
-from pliant.generator.settings import AppearanceSettings, ClothSettings, RopeSettings
+from pliant.generator.settings import (
+    AppearanceSettings,
+    ClothSettings,
+    DepthCameraSettings,
+    RopeSettings,
+)
 from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import GenerationError
 from tests.generator.runner.standin import InProcess, digests
 from tests.generator.world import made, small
 
@@ -72,6 +78,12 @@ def test_noise_and_the_depth_camera_change_the_colours_alone(changes, named, tmp
     assert kept["parameters"].get("depth_camera") == config.get("depth_camera")
     faults = kept["parameters"]["depth_camera"] if "style" in changes else {"specks": [2, 2]}
     assert faults["specks"] == [2, 2]
+
+
+def test_a_picture_without_anything_is_refused(tmp_path):
+    lost = DepthCameraSettings(pinholes=(1.0, 1.0), specks=(0.0, 0.0))
+    with pytest.raises(GenerationError, match="the picture is one colour"):
+        generate(small(style="real-depth", depth_camera=lost), tmp_path, engine=InProcess())
 
 
 def test_the_camera_sees_every_configuration_whole(tiny_dataset):
