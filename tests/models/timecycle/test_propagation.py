@@ -149,6 +149,7 @@ def test_the_matcher_speaks_in_the_pictures_own_pixels() -> None:
 
 
 def test_one_step_looks_everywhere() -> None:
+    torch.manual_seed(0)
     settings = SETTINGS.replace(propagation=SETTINGS.propagation.replace(search="mask"))
     matcher = TimeCycleMatcher(TimeCycleNetwork(settings), settings)
     a, b = views(2)
