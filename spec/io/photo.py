@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.limits import MAX_IMAGE_SIDE_PX
-from pliant.spec.io.resizing import with_longer_side
+from pliant.spec.io.resizing import resize_rgb, with_longer_side
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".gif")
 """Endings of files that are taken for pictures when a folder is listed."""
@@ -68,10 +68,10 @@ def decode_photo(source: Path | IO[bytes], max_side: int | None = None) -> npt.N
     with _opened(source) as opened:
         ImageOps.exif_transpose(opened, in_place=True)
         picture = _eight_bit(opened)
-        if max_side is not None and max(picture.size) > max_side:
-            size = with_longer_side(picture.size, max_side)
-            picture = picture.resize(size, Image.Resampling.BOX)
-        return np.array(picture, dtype=np.uint8)
+        rgb = np.array(picture, dtype=np.uint8)
+        if max_side is None or max(picture.size) <= max_side:
+            return rgb
+        return resize_rgb(rgb, with_longer_side(picture.size, max_side))
 
 
 def encoded(picture: Image.Image, form: str, **options: Any) -> bytes:

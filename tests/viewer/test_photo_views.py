@@ -34,6 +34,8 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_photo(tmp_path / name), shown, name)
     Image.fromarray(rgb).quantize(256).save(tmp_path / "colours.gif")
     assert read_photo(tmp_path / "colours.gif").shape == (6, 9, 3)
+    areas = rgb.repeat(2, 0).repeat(2, 1).reshape(4, 3, 6, 3, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(read_photo(tmp_path / "plain.png", 6), areas, atol=0.5)
 
 
 @pytest.mark.parametrize(("dtype", "said"), [("f4", "a floating point"), ("i4", "exceed 16 bits")])
