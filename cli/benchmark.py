@@ -42,7 +42,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 @choice_option(
     "--until",
     list(_TITLES),
-    "Last stage to do; the table contains what is scored by then.",
+    "Last stage to run; the table contains what is scored by then.",
     "answer",
 )
 @click.option(

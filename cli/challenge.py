@@ -80,7 +80,7 @@ def create(
     database: str | None,
     as_json: bool,
 ) -> None:
-    """Make CHALLENGE of a published dataset, and print the host's token.
+    """Make CHALLENGE from a published dataset; print the host's token.
 
     Without --config every --split (default: test) is a phase that is open now: protocol
     standard, 5 attempts a day, 100 in all.
@@ -99,7 +99,11 @@ def create(
 @command.command("invite")
 @_of_challenge
 @click.argument("team", metavar="TEAM")
-@click.option("--again", is_flag=True, help="Another token for a team that exists.")
+@click.option(
+    "--again",
+    is_flag=True,
+    help="Print one more token for an existing team; earlier ones stay valid.",
+)
 @json_option
 def invite(challenge: Challenge, team: str, again: bool, as_json: bool) -> None:
     """Add TEAM and print its token, of which only a hash is stored."""
@@ -140,9 +144,12 @@ def credit(challenge: Challenge, team: str, attempts: int, phase: str | None) ->
 @click.option("--protocol", metavar="NAME|FILE", help="Protocol, or a protocol's JSON file.")
 @path_option("--private", "PRIVATE", "Private half with corrected answers.")
 @click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
-@click.option("--reason", required=True, metavar="TEXT", help="Why; shown on the pages.")
+@click.option("--reason", required=True, metavar="TEXT", help="Reason, shown on the pages.")
 def rescore(challenge: Challenge, **given: Any) -> None:
-    """Score stored submissions by another protocol or truth, next to the scores they have."""
+    """Score the stored submissions by another protocol or truth.
+
+    Their earlier scores are kept.
+    """
     from pliant.service.rescoring import rescore_challenge
 
     versions, count = rescore_challenge(challenge, **given)
@@ -154,7 +161,7 @@ def rescore(challenge: Challenge, **given: Any) -> None:
 @_of_challenge
 @json_option
 def audit(challenge: Challenge, as_json: bool) -> None:
-    """Verify the audit log and that every score is the one that was logged.
+    """Verify the audit log, and every score against it.
 
     Exit code 1 if something was changed; the first such entry is named.
     """
@@ -180,11 +187,17 @@ def backup(challenge: Challenge, out: Path) -> None:
 @command.command("archive")
 @_of_challenge
 @out_option("FILE", "Archive, such as challenge.tar; must not exist.", FILE)
-@path_option("--passphrase-file", "FILE", "Include the signing key, encrypted.", kind=FILE)
+@path_option(
+    "--passphrase-file",
+    "FILE",
+    "Include the signing key, encrypted with the passphrase in FILE.",
+    kind=FILE,
+)
 def archive(challenge: Challenge, out: Path, passphrase_file: Path | None) -> None:
-    """Write everything into one FILE: data, answers, submissions, scores, a static site.
+    """Write everything into one FILE: data, answers, submissions.
 
-    Without --passphrase-file the signing key is left out; receipts can still be verified.
+    FILE also contains the scores and a static site. Without --passphrase-file the signing key is
+    left out; receipts can still be verified.
     """
     from pliant.service.archive import write_archive
 
@@ -194,11 +207,13 @@ def archive(challenge: Challenge, out: Path, passphrase_file: Path | None) -> No
 
 @command.command("restore")
 @click.argument("source", metavar="FILE|DIR", type=PATH)
-@out_option("CHALLENGE", "Challenge folder; new.")
-@path_option("--passphrase-file", "FILE", "Passphrase of the archive's signing key.", kind=FILE)
+@out_option("CHALLENGE", "New challenge folder.")
+@path_option(
+    "--passphrase-file", "FILE", "File with the passphrase of the archive's signing key.", kind=FILE
+)
 @database_option
 def restore(source: Path, out: Path, passphrase_file: Path | None, database: str | None) -> None:
-    """Make CHALLENGE of an archive or a backup: the same service."""
+    """Restore CHALLENGE from an archive or a backup."""
     require_service()
     from pliant.service.archive import restore_challenge
 
@@ -210,7 +225,10 @@ def restore(source: Path, out: Path, passphrase_file: Path | None, database: str
 @challenge_argument
 @database_option
 def upgrade(challenge: Path, database: str | None) -> None:
-    """Bring the database's tables to this version of Pliant; make a backup first."""
+    """Upgrade the database for this version of Pliant.
+
+    Make a backup first.
+    """
     require_service()
     from pliant.service.challenge import database_of
 
@@ -222,7 +240,10 @@ def upgrade(challenge: Path, database: str | None) -> None:
 @challenge_argument
 @database_option
 def work(challenge: Path, database: str | None) -> None:
-    """Run one worker in the foreground, for `pliant serve --workers 0` or more machines."""
+    """Run one worker in the foreground.
+
+    For `pliant serve --workers 0`, or to use more machines.
+    """
     require_service()
     from pliant.service.server import work
 

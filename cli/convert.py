@@ -18,13 +18,15 @@ TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"
 @click.argument("data", metavar="DATA", type=PATH)
 @click.option("--to", type=click.Choice(TARGET_NAMES), required=True, help="Format to write.")
 @out_option("FOLDER", "A new folder.")
-@click.option("--split", help="Only this split; default: every one whose truth is there.")
+@click.option(
+    "--split", help="Only this split; default: every split whose truth is in the dataset."
+)
 @click.option("--tier", help="Only this tier.")
 @click.option("--sequence", "sequences", metavar="ID", multiple=True, help="Only this sequence.")
 @click.option(
     "--points",
     type=click.IntRange(min=1),
-    help="Most tracked points of a sequence; default: all, for coco 64. Meshes have all.",
+    help="Tracked points per sequence at most; default: all, for coco 64. Meshes have all.",
 )
 @click.option(
     "--frame-rate",
@@ -44,7 +46,10 @@ def command(
     as_json: bool,
     **which: Any,
 ) -> None:
-    """Write the dataset DATA in the format of another tool; lists first what it cannot store."""
+    """Write the dataset DATA in the format of another tool.
+
+    Lists first what the format cannot store.
+    """
     from pliant.converters.convert import TARGETS, chosen_sequences, convert
     from pliant.converters.targets.recording import Options
     from pliant.spec.dataset import Dataset

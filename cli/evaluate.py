@@ -61,8 +61,8 @@ def command(
 ) -> None:
     """Score SUB.parquet against its dataset.
 
-    Writes scores.json, per_pair.parquet and report.html into REPORT. A submission with anything
-    wrong in it is refused with every reason, exit code 1.
+    Writes scores.json, per_pair.parquet and report.html into REPORT. A submission
+    with problems is refused: all of them are listed, and the exit code is 1.
     """
     from pliant.evaluator import evaluate, write_report
     from pliant.evaluator.hidden_truth import public_scores

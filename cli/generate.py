@@ -49,12 +49,15 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
     "--secret-seed",
     is_flag=True,
     default=None,
-    help="Draw a seed of 128 bits, for answers to withhold; it is stored in OUT/.private alone.",
+    help="Draw a secret 128-bit seed, for data whose test labels are withheld; it is stored "
+    "only in OUT/.private.",
 )
 @click.option(
-    "--style", metavar="fast|photo|raster|real-depth", help="How to render.  [default: fast]"
+    "--style", metavar="fast|photo|raster|real-depth", help="Render style.  [default: fast]"
 )
-@path_option("--config", "FILE", "YAML or JSON file with these fields and more; flags win.")
+@path_option(
+    "--config", "FILE", "YAML or JSON file with these settings and more; options override it."
+)
 @set_option
 @click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one per core]")
 @choice_option(
@@ -63,7 +66,7 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 @click.option(
     "--dry-run",
     is_flag=True,
-    help="Show the plan, and after short trials of each tier the time and space; write nothing.",
+    help="Show the plan, and the time and disk space estimated by short trials; write nothing.",
 )
 @json_option
 def command(

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 @click.option(
     "--size",
     metavar="WxH",
-    help="Bring every frame to this size, px. Pictures keep their proportions on black; tracks "
+    help="Resize every frame to this size, px. Pictures keep their proportions on black; tracks "
     "are stretched. Default: the smallest size that all pictures fit in.",
 )
 @path_option(

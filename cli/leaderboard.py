@@ -24,8 +24,8 @@ from pliant.spec.text import plural
 @click.option(
     "--hide-truth",
     is_flag=True,
-    help="Site: show only rounded headline metrics, so that no answer of a held-out split can be "
-    "read off; needs reports of pliant evaluate --hide-truth.",
+    help="Site: show only rounded headline metrics, so that they reveal no held-out answer; "
+    "needs reports of `pliant evaluate --hide-truth`.",
 )
 @database_option
 @json_option

@@ -26,7 +26,7 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "info": ("pliant.cli.info", "Show a summary of a dataset."),
     },
     "Methods": {
-        "methods": ("pliant.cli.methods", "List the methods, and what is missing for them."),
+        "methods": ("pliant.cli.methods", "List the methods, and what each still needs."),
         "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
         "train": ("pliant.cli.train", "Train a learned method; export a trained one."),
         "benchmark": (
@@ -35,7 +35,10 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         ),
     },
     "Scoring": {
-        "submission": ("pliant.cli.submission", "Make a submission of CSV, JSON lines or Parquet."),
+        "submission": (
+            "pliant.cli.submission",
+            "Make a submission from CSV, JSON lines or Parquet.",
+        ),
         "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
         "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
         "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),

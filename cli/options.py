@@ -20,7 +20,7 @@ set_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     help="Change one setting: a dotted key and a value in YAML, such as rope.structure=tube or "
-    "optimiser.learning_rate=1e-3. Wins over files and other options.",
+    "optimiser.learning_rate=1e-3. Overrides files and other options.",
 )
 """`--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it."""
 
@@ -82,7 +82,7 @@ def path_option(
     )
 
 
-def port_options(function: F, default: str = "any that is free") -> F:
+def port_options(function: F, default: str = "any free port") -> F:
     """Add `--port` and `--no-browser`, the options of a local web page."""
     port = click.option(
         "--port", type=click.IntRange(0, 65535), default=0, help=f"Port; default: {default}."

@@ -17,7 +17,7 @@ from pliant.spec.errors import CallError
 
 @click.command("serve")
 @click.argument("place", metavar="CHALLENGE|SITE", type=PATH)
-@partial(port_options, default="8000 for a challenge, any that is free for a site")
+@partial(port_options, default="8000 for a challenge, any free port for a site")
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on (challenge)."
 )

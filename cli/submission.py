@@ -41,7 +41,7 @@ def command(
     allow_missing: bool,
     as_json: bool,
 ) -> None:
-    """Make a submission of ANSWERS: CSV, TSV, JSON lines, or Parquet of pandas or polars.
+    """Make a submission from ANSWERS: CSV, TSV, JSON lines, or Parquet of pandas or polars.
 
     Its columns are u and v in pixels, with the centre of the first pixel at (0.5, 0.5), and
     optionally visible and sigma. The rows answer the queries that pair_id and query_id name, or,

@@ -49,7 +49,7 @@ def _run_options(function: F) -> F:
 @command.command("don")
 @_run_options
 def don(data: Path, out: Path, **given: Any) -> None:
-    """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
+    """Train a Dense Object Net: a descriptor for every pixel.
 
     Without --config, uses the shipped recipe for the tier's kind. The time left follows from the
     measured rate; in a log, a line is written every 30 s.
@@ -70,7 +70,7 @@ def don(data: Path, out: Path, **given: Any) -> None:
 @command.command("timecycle")
 @_run_options
 def timecycle(data: Path, out: Path, **given: Any) -> None:
-    """Train TimeCycle: descriptors from episodes without labels, by tracking back and forth.
+    """Train TimeCycle: descriptors from episodes without labels.
 
     Several processes: `torchrun --nproc-per-node N --no-python pliant train timecycle …`.
     --resume without settings continues with the settings of the run.
@@ -86,19 +86,25 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
 
 @command.command("model")
 @click.argument("recipe")
-@out_option("DIR", "Folder of its sets, stages and the finished model.")
+@out_option("DIR", "Folder for the data, the stages and the finished model.")
 @set_option
 @click.option(
-    "--sequences", type=click.IntRange(2), metavar="N", help="Sequences per split at most."
+    "--sequences",
+    type=click.IntRange(2),
+    metavar="N",
+    help="Maximum number of sequences per split.",
 )
-@click.option("--workers", type=click.IntRange(1), metavar="N", help="Processes that generate.")
+@click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Worker processes that generate data."
+)
 def model(
     recipe: str, out: Path, overrides: tuple[str, ...], sequences: int | None, workers: int | None
 ) -> None:
-    """Make a model from nothing by its RECIPE: generate its sets, train its stages, export it.
+    """Train the stages of RECIPE from nothing and export the model.
 
-    RECIPE is the name of a shipped model, such as don-rope, or a YAML file. --set changes the
-    runs of all stages. Run the same command again to continue after an interruption.
+    Its data are generated first. RECIPE is the name of a shipped model, such as don-rope, or a
+    YAML file. --set changes the runs of all stages. Run the same command again to continue after
+    an interruption.
     """
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.run import generate
@@ -250,7 +256,7 @@ class _Progress:
 def export(
     run: Path, name: str, data: Path, out: Path, scores: tuple[Path, ...], as_json: bool
 ) -> None:
-    """Export a finished training run as a model: small weights and a model card.
+    """Export a finished run as a model with its model card.
 
     The folder can be used like the run: `pliant predict OUT/NAME`. A model in `models/shipped/`
     of the package is used by its name.

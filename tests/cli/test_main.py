@@ -74,6 +74,12 @@ def test_help_lists_every_command_in_its_section(capsys: pytest.CaptureFixture[s
     assert all(about.endswith(".") for _, about in COMMANDS.values())
 
 
+@pytest.mark.parametrize("group", ["challenge", "train"])
+def test_help_of_a_group_cuts_no_summary(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([group, "--help"]) == 0
+    assert "..." not in capsys.readouterr().out.split("Commands:")[1]
+
+
 @pytest.mark.parametrize("call", [["methods"], ["info", "sample"]])  # by click, and by rich
 def test_a_reader_that_goes_away_ends_the_command_silently(call: list[str]) -> None:
     """`pliant … | head -0`."""
