@@ -168,13 +168,12 @@ def two_ropes(own: Frame, other: Frame) -> Frame:
 
 @pytest.mark.long
 def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> None:
-    """`benchmarks/familiarity.py` measures it on more ropes."""
     dataset = Dataset.open("sample")
     store = FrameStore(dataset, "rope", "test", dataset.size)
     matcher = load_shipped("don-rope")
     drawn = draw_validation_pairs(store, 6, 24, 0)
-    pairs = drawn[1], drawn[5]  # a wrong mask makes the answers wrong in these
-    shares = {}
+    pairs = drawn[1], drawn[5]  # a ball in the mask makes the answers wrong in these
+    gaps_px, unusual = {}, {}
     for change in (None, ball_in_mask, two_ropes):
         errors, flagged = [], []
         for pair in pairs:
@@ -185,12 +184,10 @@ def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> Non
             answers = matcher.answer(asked)
             errors.append(np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1))
             flagged.append(known(answers.familiarity) < UNFAMILIAR)
-        gap_px, unusual = np.concatenate(errors), np.concatenate(flagged)
-        chosen = gap_px < 15 if change is None else gap_px > 60
-        shares[change] = float(unusual[chosen].mean())
-    assert shares[None] <= 0.05
-    assert shares[ball_in_mask] >= 0.8
-    assert shares[two_ropes] >= 0.8
+        gaps_px[change], unusual[change] = np.concatenate(errors), np.concatenate(flagged)
+    assert (gaps_px[None] < 15).all() and unusual[None].mean() <= 0.05
+    assert unusual[ball_in_mask][gaps_px[ball_in_mask] > 60].mean() >= 0.8
+    assert (gaps_px[two_ropes] < 15).mean() >= 0.9  # the picture tells which of the two it is
 
 
 @pytest.mark.parametrize("kind", ["fitted", "of_ropes"])
