@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from scipy import sparse
 
 _COVERED: Final = 0.5 - 1e-5
 """Share of a pixel, less rounding."""
@@ -71,14 +72,14 @@ def _area_means(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[
     a quarter of a pixel.
     """
     for count in (size[1], size[0]):
-        length = len(values)
+        length, *others = values.shape
         edges = np.arange(count + 1) * length / count
-        first = edges.astype(np.intp)
-        part = (edges - first).astype(np.float32).reshape(-1, *(1,) * (values.ndim - 1))
-        ends = part * values[np.minimum(first, length - 1)]
-        sums = np.add.reduceat(values, first[:-1], axis=0, dtype=np.float32)
-        sums[first[:-1] == first[1:]] = 0  # within one pixel
-        values = ((sums + ends[1:] - ends[:-1]) * np.float32(count / length)).swapaxes(0, 1)
+        edges = np.union1d(np.arange(length + 1), edges)  # of the parts that pixels share
+        middle, part = (edges[1:] + edges[:-1]) / 2, np.diff(edges) * count / length
+        at = (middle * count / length).astype(np.int32), middle.astype(np.int32)
+        shares = sparse.csr_array((part.astype(np.float32), at), shape=(count, length))
+        flat = values.reshape(length, -1).astype(np.float32, copy=False)
+        values = (shares @ flat).reshape(count, *others).swapaxes(0, 1)
     return values
 
 
