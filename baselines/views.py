@@ -25,8 +25,8 @@ def read_frame(
         max_side: The longer side of a larger picture is reduced to so many pixels, None leaves it.
 
     Raises:
-        CallError: A file is missing, the sizes differ, or the mask is black everywhere.
-        PliantError: A file is not a picture that can be read.
+        CallError: A file is missing.
+        PliantError: A file cannot be read, the sizes differ, or the mask is black everywhere.
 
     Examples:
         >>> from PIL import Image

@@ -88,8 +88,8 @@ def read_photo_view(
             one of them is not used.
 
     Raises:
-        CallError: A file is missing, or is not of the picture's size.
-        PliantError: A file cannot be read.
+        CallError: A file is missing.
+        PliantError: A file cannot be read, or is not of the picture's size.
     """
     view = read_frame(files.picture, files.mask, files.depth, max_side)
     photo = PhotoView(view, photo_size(files.picture))

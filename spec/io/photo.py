@@ -31,6 +31,7 @@ _HEIC: Final = (b"heic", b"heix", b"mif1", b"msf1")
 """Brands of files that iPhones write."""
 
 _MILLIMETRES_PER_METRE: Final = 1000.0
+_FARTHEST_M: Final = 100.0  # median of a depth image; what is in millimetres has more
 _TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
 
 
@@ -116,8 +117,8 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         bool (H, W), True on the object.
 
     Raises:
-        CallError: It is missing, of another size, or black everywhere.
-        PliantError: It is not a picture that can be read.
+        CallError: It is missing.
+        PliantError: It is not a picture that can be read, of another size, or black everywhere.
     """
     _check_size("mask", path, photo_size(path), size)
     with _opened(Path(path)) as opened:
@@ -126,7 +127,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     if not mask.any():
         mask = _labelled(Path(path))
     if not mask.any():
-        raise CallError("the mask is black everywhere", path=path)
+        raise PliantError("the mask is black everywhere", path=path)
     return mask
 
 
@@ -142,8 +143,8 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
         float32 (H, W), planar z in metres, +inf where it is unknown.
 
     Raises:
-        CallError: It is missing or of another size.
-        PliantError: It cannot be read, or is of another form.
+        CallError: It is missing.
+        PliantError: It cannot be read, is of another form or size, or its numbers are no depth.
     """
     path = _existing(path)
     try:
@@ -173,7 +174,19 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
     _check_size("depth image", path, values.shape[::-1], size)
     with np.errstate(over="ignore", invalid="ignore"):
         depth_m = values.astype(np.float32) / (1 if metres else _MILLIMETRES_PER_METRE)
-    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.inf).astype(np.float32)
+    known = np.isfinite(depth_m) & (depth_m > 0)
+    if not known.any():
+        raise PliantError("the depth image is unknown everywhere", path=path)
+    median_m = float(np.median(depth_m[known]))
+    if metres and median_m > _FARTHEST_M:
+        raise PliantError(
+            "the depth cannot be in metres",
+            path=path,
+            found=f"a median of {median_m:g}",
+            required=f"at most {_FARTHEST_M:g} m",
+            fix="If it is in millimetres, divide it by 1000.",
+        )
+    return np.where(known, depth_m, np.inf).astype(np.float32)
 
 
 def _existing(path: Path | str) -> Path:
@@ -202,7 +215,7 @@ def _check_size(
     what: str, path: Path | str, found: tuple[int, ...], required: tuple[int, int]
 ) -> None:
     if found != required:
-        raise CallError(
+        raise PliantError(
             f"the {what} is not of the picture's size",
             path=path,
             found=f"{found[0]}x{found[1]}",

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pliant.baselines.views import read_frame
-from pliant.spec.errors import CallError, PliantError
+from pliant.spec.errors import PliantError
 from pliant.spec.io.photo import read_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
@@ -55,11 +55,13 @@ def test_masks(tmp_path: Path) -> None:
     assert view.mask is not None
     assert np.argwhere(view.mask).tolist() == [[3, 3]]
     Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
-    with pytest.raises(CallError, match="found 9x7; required: 9x6"):
+    with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
+    assert refused.value.exit_code == 1  # the data is wrong, not the call
     Image.new("L", (9, 6)).save(tmp_path / "black.png")
-    with pytest.raises(CallError, match="black everywhere"):
+    with pytest.raises(PliantError, match="black everywhere") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "black.png")
+    assert refused.value.exit_code == 1
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_, np.int32, np.float32])
@@ -72,7 +74,7 @@ def test_masks_of_labels(dtype: Any, tmp_path: Path) -> None:
     assert view.mask is not None
     assert np.argwhere(view.mask).tolist() == [[2, 3], [3, 3]]
     Image.new("RGB", (9, 6), (2, 2, 2)).save(tmp_path / "dark.png")  # a picture, not labels
-    with pytest.raises(CallError, match="black everywhere"):
+    with pytest.raises(PliantError, match="black everywhere"):
         read_frame(tmp_path / "picture.png", tmp_path / "dark.png")
 
 
@@ -137,3 +139,10 @@ def test_depth_reaches_the_method(tmp_path: Path) -> None:
     Image.new("L", (40, 20), 3).save(tmp_path / "eight.png")
     with pytest.raises(PliantError, match="depth of 8 bits has no unit"):
         read_frame(tmp_path / "a.png", depth=tmp_path / "eight.png")
+    for value, said in [
+        (800, "found a median of 800.*divide it by 1000"),
+        (0, "unknown everywhere"),
+    ]:
+        np.save(tmp_path / "depth.npy", np.full((20, 40), value, np.float32))
+        with pytest.raises(PliantError, match=said):
+            read_frame(tmp_path / "a.png", depth=tmp_path / "depth.npy")
