@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -65,44 +67,53 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
     single = match.points[0] if len(match.points) == 1 else None
     heat = None if single is None else single.heat
     cropped = source.mask is not None and target.mask is not None
-    frame_a, frame_b = _window(source, cropped), _window(target, cropped)
+    frame_a = _window(source, cropped, [point.uv_a_px for point in match.points])
+    frame_b = _window(target, cropped, [point.uv_b_px for point in match.points])
     frames = [frame_a, frame_b] if heat is None else [frame_a, frame_b, frame_b]
     # All pictures get one height, so that pictures of unlike shapes are in one row.
     exact = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
     shapes = [min(max(shape, 1 / _LONGEST), _LONGEST) for shape in exact]
     tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
-    warnings = match.warnings()
-    below = (0.75 if heat is None else 1.35) + 0.2 * len(warnings)  # texts and bar, inches
-    figure = Figure(figsize=(tall * sum(shapes) + 0.3, tall + below), layout="constrained")
+    wide = tall * sum(shapes) + 0.3
+    headline = _wrapped(_headline(match, single), 12, wide)
+    warnings = "\n".join(_wrapped(warning, 9, wide) for warning in match.warnings())
+    lines = headline.count("\n") + len(warnings.splitlines())
+    below = (0.75 if heat is None else 1.35) + 0.2 * lines  # texts and bar, inches
+    figure = Figure(figsize=(wide, tall + below), layout="constrained")
     rows = [tall] if heat is None else [tall, 0.14]
     grid = figure.add_gridspec(len(rows), len(frames), width_ratios=shapes, height_ratios=rows)
     axes = [figure.add_subplot(grid[0, column]) for column in range(len(frames))]
+    titles = [f"source, {len(match.points)} queries", "target, matches"]
+    if single is not None:
+        at_a, at_b = single.uv_a_px * match.scale_a, single.uv_b_px * match.scale_b
+        rings = ", rings: 2 std. dev." if _rings(axes[1], single) else ""
+        titles = [
+            f"source, query at ({_numbers(at_a)})",
+            f"target, match at ({_numbers(at_b)}){rings}",
+            f"heat map of {match.method} over the target",
+        ]
+    images = [source.rgb, target.rgb, dimmed(target.rgb)]
+    for axis, image, title, frame, shape in zip(axes, images, titles, frames, shapes, strict=False):
+        show(axis, image, _wrapped(title, 10, tall * shape), frame)
     if single is None:
-        show(axes[0], source.rgb, f"source, {len(match.points)} queries", frame_a)
-        show(axes[1], target.rgb, "target, matches", frame_b)
         _numbered(axes, match)
     else:
-        at_a, at_b = single.uv_a_px * match.scale_a, single.uv_b_px * match.scale_b
-        show(axes[0], source.rgb, f"source, query at ({_numbers(at_a)})", frame_a)
         _mark(axes[0], single.uv_a_px, _QUERY_COLOUR)
-        rings = ", rings: 2 std. dev." if _rings(axes[1], single) else ""
-        show(axes[1], target.rgb, f"target, match at ({_numbers(at_b)}){rings}", frame_b)
         _mark(axes[1], single.uv_b_px, _MATCH_COLOUR)
     if single is not None and heat is not None:
-        show(axes[2], dimmed(target.rgb), f"heat map of {match.method} over the target", frame_b)
         shown = _heat(axes[2], heat)
         if shown is not None:
             bar = figure.colorbar(
                 shown, cax=figure.add_subplot(grid[1, 2]), orientation="horizontal"
             )
-            bar.set_label(heat.label, fontsize=9)
+            bar.set_label(_wrapped(heat.label, 9, tall * shapes[2]), fontsize=9)
             bar.ax.tick_params(labelsize=8)
             if bar.solids is not None:
                 bar.solids.set_alpha(1.0)
         _mark(axes[2], single.uv_b_px, _MATCH_COLOUR)
-    figure.suptitle(_headline(match, single), fontsize=12)
+    figure.suptitle(headline, fontsize=12)
     if warnings:
-        figure.supxlabel("\n".join(warnings), fontsize=9, color="#b00020")
+        figure.supxlabel(warnings, fontsize=9, color="#b00020")
     with replacing(out) as partial:
         figure.savefig(partial, dpi=110)
 
@@ -145,22 +156,27 @@ def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
     return ", ".join(parts)
 
 
+def _wrapped(text: str, size_pt: int, wide: float) -> str:
+    """Return a text in lines that fit into so many inches; a letter is half as wide as tall."""
+    return fill(text, max(12, int(wide * 72 / (0.55 * size_pt))))
+
+
 def _numbers(uv_px: npt.NDArray[Any]) -> str:
     return f"{uv_px[0]:.1f}, {uv_px[1]:.1f}"
 
 
-def _window(view: Frame, cropped: bool) -> Window:
-    """Return what to show, (left, right, bottom, top) in px: the object with room, or all."""
+def _window(view: Frame, cropped: bool, marks: Sequence[npt.NDArray[np.float32]]) -> Window:
+    """Return what to show, (left, right, bottom, top) in px: object and marks with room, or all."""
     height, width = view.rgb.shape[:2]
     if view.mask is None or not cropped or not view.mask.any():
         return 0, width, height, 0
-    rows, columns = np.nonzero(view.mask)
-    room = _ROOM * max(np.ptp(rows), np.ptp(columns)) + 8
+    v, u = (np.append(np.nonzero(view.mask)[k] + 0.5, [m[1 - k] for m in marks]) for k in (0, 1))
+    room = _ROOM * max(np.ptp(v), np.ptp(u)) + 8
     return (
-        max(0, columns.min() - room),
-        min(width, columns.max() + 1 + room),
-        min(height, rows.max() + 1 + room),
-        max(0, rows.min() - room),
+        max(0, u.min() - room),
+        min(width, u.max() + room),
+        min(height, v.max() + room),
+        max(0, v.min() - room),
     )
 
 
@@ -174,6 +190,7 @@ def _mark(axes: Any, uv_px: npt.NDArray[np.float32], colour: str) -> None:
             markeredgecolor=inked,
             markeredgewidth=line,
             clip_on=False,
+            in_layout=False,  # a match may be far outside the picture
         )
     # A point in place of a cross: the pixel itself stays in sight.
     axes.plot(*uv_px, marker="o", markersize=2.4, markerfacecolor=colour, markeredgewidth=0)

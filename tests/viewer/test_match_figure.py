@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from pliant.baselines import METHODS, Answers, Frame, Heat, Matcher
@@ -17,7 +19,7 @@ from pliant.cli.main import run
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Pair
 from pliant.viewer.match_figure import _heat, _rings, draw_match
-from pliant.viewer.photo_match import PhotoMatch, grid_points, match_photo
+from pliant.viewer.photo_match import PhotoMatch, PointMatch, grid_points, match_photo
 from tests.baselines.cards import Similarity, card_view
 from tests.conftest import Refused
 from tests.viewer.test_photo_views import rope_on
@@ -64,6 +66,43 @@ def on_itself(matcher: Matcher) -> tuple[PhotoMatch, Frame]:
     """Match one point of a card to the same picture; return it too."""
     view = card_view(Similarity())
     return match_photo(matcher, view, view, [(100, 100)]), view
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that the test writes."""
+    written: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda self, *a, **k: (save(self, *a, **k), written.append(self))
+    )
+    return written
+
+
+def test_texts_of_narrow_pictures_do_not_meet(tmp_path: Path, figures: list[Figure]) -> None:
+    view = Frame(np.random.default_rng(0).integers(0, 255, (400, 40, 3)).astype(np.uint8))
+    match = match_photo(METHODS["sift"](), view, view, [(20, 200)])  # type: ignore[arg-type]
+    draw_match(match, view, view, tmp_path / "figure.png")
+    *panels, bar = figures[0].axes
+    titles = [panel.title.get_window_extent() for panel in panels]
+    assert len(titles) == 3
+    assert all(left.x1 < right.x0 for left, right in pairwise(titles))
+    others = [bar.xaxis.label.get_window_extent(), figures[0].texts[0].get_window_extent()]
+    assert all(0 <= box.x0 < box.x1 <= figures[0].bbox.width for box in (*titles, *others))
+
+
+@pytest.mark.parametrize("at", [(250.0, 150.0), (-5000.0, 3.0)])
+def test_the_figure_reaches_to_a_match_off_the_object(
+    at: tuple[float, float], tmp_path: Path, figures: list[Figure]
+) -> None:
+    mask = np.zeros((200, 300), np.bool_)
+    mask[3, 4] = True
+    view = Frame(np.full((200, 300, 3), 90, np.uint8), mask)
+    points = [PointMatch(np.array([4.5, 3.5], "f4"), np.array(at, "f4"))]
+    match = PhotoMatch("far", points, np.ones(2), np.ones(2), near_px=6)
+    draw_match(match, view, view, tmp_path / "figure.png")
+    left, right = figures[0].axes[1].get_xlim()
+    assert 0 == left < min(max(at[0], 0) + 8, 300) <= right <= 300
 
 
 def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
@@ -131,8 +170,6 @@ def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
 
 
 def test_logarithms_are_drawn_down_to_nothing() -> None:
-    from matplotlib.figure import Figure
-
     values = np.array([[-np.inf, -60.0, -3.0, 0.0, np.nan]], np.float32)
     heat = Heat(values, "log probability", 0.5, "probability of the peak")
     image = _heat(Figure().subplots(), heat)
@@ -146,8 +183,6 @@ def test_logarithms_are_drawn_down_to_nothing() -> None:
 
 
 def test_modes_of_no_weight_are_not_drawn() -> None:
-    from matplotlib.figure import Figure
-
     (point,) = on_itself(Unsure())[0].points
     assert point.modes is not None
     assert _rings(Figure().subplots(), point) == 2
