@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from unicodedata import normalize
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.marks import Mark
+from pliant.spec.text import plural
 
 _SLACK_PX = 0.5  # a mark that counts from the first pixel's centre may be half a pixel outside
 
@@ -113,7 +115,7 @@ class Collector:
             raise SpecError(
                 "there is nothing to ask",
                 path=self.path,
-                found=f"{len(points)} points in {len(pictures)} pictures",
+                found=f"{plural(len(points), 'point')} in {plural(len(pictures), 'picture')}",
                 required="points marked in at least two pictures",
                 fix=f"{suggested} suggested marks do not count: confirm them with pliant annotate."
                 if suggested
@@ -158,7 +160,8 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
     Raises:
         SpecError: The picture is not found.
     """
-    for given in (name, name.strip()):  # the name of a file may begin or end with a space
+    # The name of a file may begin or end with a space; macOS may store ä as a and its dots.
+    for given in (name, name.strip(), normalize("NFC", name), normalize("NFD", name)):
         whole = PurePosixPath(given.replace("\\", "/"))
         inside = not whole.is_absolute() and ".." not in whole.parts
         for candidate in (whole, whole.name) if inside else (whole.name,):
@@ -167,12 +170,12 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
                 if whole.name and os.path.isfile(below / candidate):
                     return below / candidate
     raise SpecError(
-        "picture not found",
+        "picture not found" if inside else "the picture is not in the folder of its annotations",
         path=path,
         where=where,
         found=repr(name)[:80],
         required=f"a file in {folder}",
-        fix=f"Found there: {_some_pictures(folder)}.",
+        fix=f"{'' if inside else 'Copy it there. '}Found there: {_some_pictures(folder)}.",
     )
 
 
@@ -224,11 +227,13 @@ def read_rows(
                 "the header lacks columns",
                 path=path,
                 where="line 1",
-                found=head[:80],
+                found=repr(head)[:80],
                 required=",".join(columns),
             )
         lines.fieldnames = found
         for row in lines:
+            if not any(map("".join, filter(None, row.values()))):  # commas alone, as Excel writes
+                continue
             where = f"line {lines.line_num}"
             if any(row[name] is None for name in columns):
                 raise SpecError(

@@ -15,7 +15,10 @@ from pliant.converters.annotations import Collector, picture_in, read_rows
 from pliant.spec.errors import SpecError
 from pliant.spec.marks import COLUMNS, Mark, mark_source
 
-_VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
+_VISIBLE: Final = {
+    **dict.fromkeys(("1", "1.0", "true", "yes"), True),  # 1.0 is what pandas makes of it
+    **dict.fromkeys(("0", "0.0", "false", "no"), False),
+}
 
 
 def collect_marks(path: Path) -> Collector:
@@ -67,6 +70,6 @@ def _number(text: str, visible: bool, path: Path, where: str) -> float:
             path=path,
             where=where,
             found=repr(text)[:40],
-            required="pixels from the upper-left corner; empty only where visible is 0",
+            required="pixels from the upper-left corner (10.5); empty only where visible is 0",
         )
     return value

@@ -16,6 +16,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.io.writing import replacing
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
+from pliant.spec.text import plural
 from pliant.viewer.photo_match import match_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
@@ -45,11 +46,13 @@ class Annotation:
             raise CallError("folder not found", path=folder)
         self.pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
         if len(self.pictures) < 2:
+            heic = any(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
             raise CallError(
                 "points are marked in several pictures",
                 path=folder,
-                found=f"{len(self.pictures)} pictures",
+                found=plural(len(self.pictures), "picture"),
                 required="at least two of " + ", ".join(SUFFIXES),
+                fix="HEIC is not supported: save the pictures as JPEG." if heic else None,
             )
         self.sizes = [photo_size(picture) for picture in self.pictures]
         self.path = folder / ANNOTATIONS_CSV

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -117,6 +118,15 @@ def test_names_of_pictures_keep_their_spaces(photos: Path, tmp_path: Path) -> No
     """As `pliant annotate` writes them; a space that a person adds to a row does not count."""
     (photos / "a b.JPG").rename(photos / " a b.JPG")
     (photos / "annotations.csv").write_text(CSV.replace("a b.JPG", " a b.JPG").replace("ç", " ç"))
+    imported(photos, tmp_path / "out")
+    assert {row[:-1] for row in asked(tmp_path / "out")} == ASKED
+
+
+@pytest.mark.parametrize(
+    "text", [CSV.replace(",1\n", ",1.0\n"), CSV + ",,,,\n,,,,,\n", normalize("NFD", CSV)]
+)
+def test_what_pandas_spreadsheets_and_macos_write(text: str, photos: Path, tmp_path: Path) -> None:
+    (photos / "annotations.csv").write_text(text)
     imported(photos, tmp_path / "out")
     assert {row[:-1] for row in asked(tmp_path / "out")} == ASKED
 

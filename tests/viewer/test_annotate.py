@@ -95,7 +95,10 @@ def test_marks_of_another_form_are_refused(folder: Path, marks: Any) -> None:
 
 
 def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="found 0 pictures"):
+    with pytest.raises(CallError, match=r"found 0 pictures.*\.gif$"):
+        Annotation(tmp_path)
+    (tmp_path / "IMG_1.HEIC").touch()
+    with pytest.raises(CallError, match="HEIC is not supported: save the pictures as JPEG"):
         Annotation(tmp_path)
     with pytest.raises(CallError, match="folder not found"):
         Annotation(tmp_path / "no")
