@@ -91,8 +91,8 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
         depth=given.pop("depth"),
     )
     found = read_source(source, options)
-    defaults = {"id": out.name, "kind": found.kind, "queries": found.queries}
-    settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
+    defaults = {"id": out.resolve().name, "kind": found.kind, "queries": found.queries}
+    settings = ImportSettings(**defaults | {k: v for k, v in given.items() if v not in (None, "")})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:
         done = write_imported(found.clips, out, settings, found.facts, progress=bar)
     notes = list(found.notes)

@@ -28,7 +28,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
-from pliant.spec.io.staging import is_left_alone, refuse_existing, staged_both
+from pliant.spec.io.staging import is_left_alone, next_to, refuse_existing, staged_both
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.opening import is_name
 from pliant.spec.progress import Progress
@@ -114,7 +114,7 @@ def write_imported(
         CallError: A folder is there already, or the settings do not fit the data.
         SpecError: A frame cannot be read, or nothing can be asked.
     """
-    beside = out.with_name(f"{out.name}-truth")
+    beside = next_to(out, "-truth")
     _check_call(out, beside, settings)
     _check_names(clips, source)
     same = alike(settings.alike)

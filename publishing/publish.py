@@ -20,7 +20,7 @@ from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io.staging import is_left_alone, refuse_existing, staged, staged_both
+from pliant.spec.io.staging import is_left_alone, next_to, refuse_existing, staged, staged_both
 from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import write_checksums, write_manifest
@@ -92,9 +92,9 @@ def publish(
         SpecError: The dataset is damaged, or contains links.
     """
     settings = settings or PublishSettings()
-    dataset = _open(source, settings, truth or source.with_name(f"{source.name}-truth"))
+    dataset = _open(source, settings, truth or next_to(source, "-truth"))
     out = out.absolute()
-    private = None if not settings.hold_out else (private or out.with_name(f"{out.name}-private"))
+    private = None if not settings.hold_out else (private or next_to(out, "-private"))
     if private is not None and not is_left_alone(private.absolute(), out):
         _check_place(private.absolute(), source)
     _check_place(out, source)

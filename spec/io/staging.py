@@ -98,6 +98,12 @@ def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
         raise
 
 
+def next_to(folder: Path, ending: str) -> Path:
+    """Return the folder next to another that has its name and an ending, also for `.` and `..`."""
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    return named.parent / f"{named.name}{ending}"
+
+
 def refuse_existing(folder: Path) -> None:
     """Refuse an output that exists, except as an empty folder.
 

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from pliant.cli.main import run
+from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, imported
@@ -64,7 +65,8 @@ def photos(tmp_path: Path) -> Path:
 
 
 def test_pictures_of_three_sizes_share_a_canvas(photos: Path, tmp_path: Path) -> None:
-    dataset = imported(photos, tmp_path / "out")
+    dataset = imported(photos, tmp_path / "out", "--licence", "", "--title", "")  # as by default
+    assert dataset.info["licence"] == "LicenseRef-unknown"
     assert dataset.size == (80, 30)
     rows = asked(tmp_path / "out")
     assert {row[:-1] for row in rows} == ASKED
@@ -129,6 +131,19 @@ def test_what_pandas_spreadsheets_and_macos_write(text: str, photos: Path, tmp_p
     (photos / "annotations.csv").write_text(text)
     imported(photos, tmp_path / "out")
     assert {row[:-1] for row in asked(tmp_path / "out")} == ASKED
+
+
+def test_the_current_folder_is_imported_into_and_published(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert run(["import", str(photos), "--out", "."]) == 0
+    monkeypatch.chdir(tmp_path / "here")  # the new folder of this name
+    assert Dataset.open(Path()).id == "here"
+    assert (tmp_path / "here-truth" / "test.parquet").is_file()
+    assert run(["publish", ".", "--out", str(tmp_path / "public"), "--hold-out", "test"]) == 0
+    assert run(["import", str(photos), "--out", "/"]) == 2
 
 
 def test_a_list_of_pairs_is_all_that_is_asked(
