@@ -144,7 +144,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
 
     Raises:
         CallError: It is missing.
-        PliantError: It cannot be read, is of another form or size, or its numbers are no depth.
+        PliantError: It cannot be read, is of another form or size, or cannot be in its unit.
     """
     path = _existing(path)
     try:
