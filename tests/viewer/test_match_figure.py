@@ -73,9 +73,12 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """The figures that the test writes."""
     written: list[Figure] = []
     save = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda self, *a, **k: (save(self, *a, **k), written.append(self))
-    )
+
+    def kept(figure: Figure, *args: Any, **options: Any) -> None:
+        save(figure, *args, **options)
+        written.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", kept)
     return written
 
 
