@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @path_option(
     "--truth",
     "FILE|DIR",
-    "The split's truth, or `pliant publish`'s private half, where the dataset has none.",
+    "The split's truth, its folder, or the private half of `pliant publish`.",
 )
 @click.option(
     "--protocol",

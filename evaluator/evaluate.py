@@ -35,8 +35,8 @@ def evaluate(
     Args:
         submission: The submission's file.
         data: The dataset, or its folder.
-        truth: The split's truth, or the private half of a published dataset, which also brings
-            the surfaces; None takes the dataset's own.
+        truth: The split's truth, its folder, or the private half of a published dataset, which
+            also brings the surfaces; None takes the dataset's own.
         protocol: A protocol or its name; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as the worst value instead of refusing.
         hide_truth: Cap every error at the image diagonal, for scores that participants of a
@@ -118,9 +118,9 @@ def evaluate_answers(
 def _opened(
     data: Dataset | Path | str, truth: Path | str | None
 ) -> tuple[Dataset, Path | str | None]:
-    """Return the dataset, with its private half where `truth` is one, and the truth file if any."""
+    """Return the dataset, with its private half where `truth` is one, and another truth if any."""
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
-    if truth is not None and Path(truth).is_dir():
+    if truth is not None and (Path(truth) / layout.MANIFEST_JSON).is_file():
         return dataset.with_private(truth), None
     return dataset, truth
 
@@ -152,6 +152,7 @@ def _scored(
     name = layout.truth_name(split)
     path = dataset.local(name) if dataset.has(name) else dataset.root / name
     path = path if truth is None else Path(truth)
+    path = path / f"{split}.parquet" if path.is_dir() else path
     if protocol.kind == "answers":
         queries_sha256 = str(loaded.submission.footer["queries_sha256"])
         check_truth(path, dataset.id, dataset.version, split, queries_sha256)

@@ -87,8 +87,8 @@ class Dataset:
                 `sample`, where no such folder exists, is the small dataset of the package.
 
         Raises:
-            SpecError: It is not a dataset, of another major version, or its two top files are
-                damaged. (`pliant validate` lists everything that is wrong.)
+            SpecError: It is not a dataset, a private half, of another major version, or its two top
+                files are damaged. (`pliant validate` lists everything that is wrong.)
             MissingExtraError: A URL, and fsspec is not installed.
         """
         root = sample_or(root)
@@ -110,6 +110,13 @@ class Dataset:
         check_names(listing, tiers, table_path)
         if storage.has(layout.INDEX_TABLE):
             files = PackedFiles(storage, listing["id"].to_pylist())
+        elif storage.has(layout.MANIFEST_JSON):
+            raise SpecError(
+                "this is the private half of a published dataset, with the answers alone",
+                path=storage.address,
+                required="the public half",
+                fix="Name that one; `--truth` adds the answers to it.",
+            )
         return cls(Path(root), info, tiers, listing, files)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -269,7 +269,7 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
         raise SpecError(
             f"the truth of split {split} is not here",
             path=truth,
-            fix="Give its file with --truth; a published dataset leaves the held-out truth out.",
+            fix="Give its file, its folder or the private half of the dataset with --truth.",
         )
     found = footer_of(open_table(truth), truth)
     required = {

@@ -53,8 +53,11 @@ def test_the_truth_alone_scores_what_needs_no_surface(halves: Any, submission: P
     assert evaluate(submission, halves.public, truth=truth, protocol="paper").overall == (
         whole.overall
     )
-    with pytest.raises(SpecError, match="--truth"):
-        evaluate(submission, halves.public)
+    for given in (None, halves.whole):
+        with pytest.raises(SpecError, match=r"split test is not here.*--truth"):
+            evaluate(submission, halves.public, truth=given)
+    with pytest.raises(SpecError, match=r"private half.*Name that one"):
+        Dataset.open(halves.private)
 
 
 def same_frames(ours: Dataset, theirs: Dataset, split: str) -> int:
