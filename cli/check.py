@@ -23,6 +23,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
     A file without problems can be scored. Exit code 0: no problems; 1: problems.
     """
     from pliant.evaluator import inspect
+    from pliant.spec.io.parquet import read_footer
     from pliant.spec.limits import Limits
 
     with terminated_like_interrupted(""):
@@ -45,5 +46,6 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
     else:
         for hint in problems.hints:
             echo(f"Warning: {hint}")
-        echo(f"{submission}: nothing is wrong; it can be scored.")
+        split = read_footer(submission)["split"]
+        echo(f"{submission}: nothing is wrong; split {split} can be scored.")
     return 1 if issues else 0

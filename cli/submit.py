@@ -39,11 +39,12 @@ def command(
     if as_json:
         echo_json(view)
     else:
-        _print(view, client.page(view))
+        print_submission(view, client.page(view))
     return 1 if view["state"] in ("refused", "failed") else 0
 
 
-def _print(view: dict[str, Any], page: str) -> None:
+def print_submission(view: dict[str, Any], page: str) -> None:
+    """Print what became of a submission, and the address of its page."""
     for issue in view["issues"]:
         where = f" [{issue['where']}]" if issue["where"] else ""
         echo(f"{issue['severity'].upper()} {issue['code']}{where}: {issue['message']}", err=True)
@@ -51,9 +52,11 @@ def _print(view: dict[str, Any], page: str) -> None:
         echo(view["failure"], err=True)
     for score in view["scores"]:
         echo(f"Protocol {score['protocol']}:")
-        for group, values in score["figures"].items():
+        groups = score["figures"]
+        # Of one tier, the whole and the tier are the same figures.
+        for group in groups if len(groups) > 2 else ["overall"]:
             figures = ", ".join(
-                f"{name} {value:.4g}" for name, value in values.items() if value is not None
+                f"{name} {value:.4g}" for name, value in groups[group].items() if value is not None
             )
             echo(f"  {group}: {figures}")
     echo(f"Submission {view['id']}: {view['state']}. {page}")

@@ -76,6 +76,7 @@ class Problems(FileProblems):
         return result
 
     def _add_cause(self, code: str, count: int, described: Sequence[tuple[str, str]]) -> None:
-        places = [where for where, _ in described[:PLACES]] + ["…"] * (count > PLACES)
+        places = [where for where, _ in described[:PLACES] if where]
+        places += ["…"] * bool(places and count > PLACES)
         message = described[0][1] + (f" ({count:,} times)" if count > 1 else "")
         self.causes.append(make_issue(code, self.path, "; ".join(places), message))

@@ -191,6 +191,10 @@ async def post_submission(
     file_name: Annotated[str, Query(max_length=300)] = "submission.parquet",
 ) -> SubmissionView:
     """Submit a Parquet file, the request's body; the same file sent again is one submission."""
+    if request.headers.get("content-type", "").startswith("multipart/"):
+        found = "a form with the file in it"
+        required = "the file alone as the body, as `curl -T` sends it"
+        raise NotAcceptedError("FILE_IN_FORM", 415, "wrong body", found=found, required=required)
     view, new = await receive_file(
         site,
         who,

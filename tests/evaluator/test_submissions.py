@@ -119,6 +119,12 @@ def test_problems_never_describe_more_than_they_list() -> None:
     assert problems.total == 10**7
 
 
+def test_many_problems_of_the_whole_file_have_no_place() -> None:
+    problems = Problems("s.parquet")
+    problems.add_many("ROW_UNKNOWN", 999, [("", "found 1,000 rows; required: 1")])
+    assert str(problems.causes[0]).endswith("s.parquet: found 1,000 rows; required: 1 (999 times)")
+
+
 def test_check_needs_no_truth(scene_maker: Any, tmp_path: Path) -> None:
     public = scene_maker(tmp_path / "data", images=False)
     path = public.submit(tmp_path / "s.parquet")

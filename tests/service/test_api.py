@@ -253,6 +253,15 @@ def test_what_opens_first(make_trial: MakeTrial) -> None:
         assert "--to http://testserver --token" in client.get("/rules").text
 
 
+def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: TestClient) -> None:
+    """`curl -F file=@mine.parquet` is a habit."""
+    sent = plain_client.post(
+        f"{API}/submissions", files={"file": b"PAR1"}, headers=bearer(plain.tokens[0])
+    )
+    assert (sent.status_code, sent.json()["code"]) == (415, "FILE_IN_FORM")
+    assert "`curl -T`" in sent.json()["message"]
+
+
 def test_a_client_that_goes_away(plain: Trial) -> None:
     """The transfer ends early: no fault of the service, so no traceback in its log."""
     sent: list[dict[str, Any]] = []

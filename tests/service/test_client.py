@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pliant.cli.submit import print_submission
 from pliant.service.client import Client
 from pliant.spec.errors import CallError
 
@@ -64,3 +65,15 @@ def test_an_address_of_something_else(large: Path) -> None:
 def test_a_token_that_is_none(token: str) -> None:
     with pytest.raises(CallError, match="not a token"):
         Client("http://127.0.0.1:1", token)
+
+
+@pytest.mark.parametrize("tiers", [["rope"], ["cloth-1", "rope"]])
+def test_figures_of_a_single_tier_are_printed_once(
+    tiers: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = {group: {"rmse_px": 1.5} for group in ("overall", *tiers)}
+    scores = [{"protocol": "paper 1.2", "figures": figures}]
+    view = {"id": 1, "state": "scored", "issues": [], "failure": None, "scores": scores}
+    print_submission(view, "URL")
+    shown = capsys.readouterr().out
+    assert shown.count("rmse_px 1.5") == (1 if len(tiers) == 1 else 3)
