@@ -11,6 +11,7 @@ import click
 
 from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
 from pliant.cli.terminal import echo, echo_result, to_call
+from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
 from pliant.spec.extras import require_packages
 from pliant.spec.text import plural
@@ -66,7 +67,11 @@ def command() -> None:
 @path_option("--data", "PUBLIC", "Public half of a published dataset.", required=True)
 @path_option("--private", "PRIVATE", "Private half, with the answers.", required=True)
 @click.option(
-    "--split", "splits", multiple=True, metavar="SPLIT", help="Split to score; may be repeated."
+    "--split",
+    "splits",
+    multiple=True,
+    type=click.Choice(SPLITS),
+    help="Split to score (default: test); may be repeated.",
 )
 @path_option("--config", "FILE", "Rules: challenge.yaml with titles, phases, limits.", kind=FILE)
 @database_option
@@ -82,7 +87,7 @@ def create(
 ) -> None:
     """Make CHALLENGE from a published dataset; print the host's token.
 
-    Without --config every --split (default: test) is a phase that is open now: protocol
+    Without --config every --split is a phase that is open now: protocol
     standard, 5 attempts a day, 100 in all.
     """
     require_service()
@@ -230,9 +235,9 @@ def upgrade(challenge: Path, database: str | None) -> None:
     Make a backup first.
     """
     require_service()
-    from pliant.service.challenge import database_of
+    from pliant.service.challenge import Challenge
 
-    database_of(challenge, database).upgrade()
+    Challenge.open(challenge, database, upgrade=True)
     echo(f"{challenge}: up to date.")
 
 

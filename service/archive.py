@@ -12,10 +12,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import inspect, select
+from sqlalchemy import select
 
 from pliant.service.audit import HOST, record, verify_log
-from pliant.service.challenge import CHALLENGE_YAML, Challenge, database_of
+from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.models import Submission
 from pliant.service.receipts import (
     PRIVATE_KEY,
@@ -129,9 +129,7 @@ def restore_challenge(
             passphrase is wrong.
         SpecError: A file is missing or was changed, or the audit log was.
     """
-    with ExitStack() as stack:
-        place = stack.enter_context(staged(out, new=True))
-        os.chmod(place, 0o750)
+    with new_challenge(out, database_url) as (place, session):
         if source.is_file():
             _extract(source, place)
             _check_kind(place, source)
@@ -145,16 +143,10 @@ def restore_challenge(
             shutil.rmtree(place / "site")
         (place / "incoming").mkdir(exist_ok=True)
         _restore_keys(place / "keys", passphrase)
-        database = database_of(place, database_url)
-        stack.callback(database.engine.dispose)
-        if inspect(database.engine).get_table_names():
-            raise CallError("the database is not empty", fix="Name a new one with --database.")
-        database.upgrade()
-        with database.write() as session:
-            read_tables(session, place / _TABLES)
-            verify_log(session)
-            key = key_id(read_public_key(place / "keys" / PUBLIC_KEY))
-            record(session, HOST, "restored", "challenge", source=source.name, key_id=key)
+        read_tables(session, place / _TABLES)
+        verify_log(session)
+        key = key_id(read_public_key(place / "keys" / PUBLIC_KEY))
+        record(session, HOST, "restored", "challenge", source=source.name, key_id=key)
         shutil.rmtree(place / _TABLES)
 
 

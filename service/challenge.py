@@ -12,16 +12,24 @@ CHALLENGE/
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
 from pliant.service.database import Database, sqlite_url
+from pliant.service.models import Submission
 from pliant.service.receipts import PRIVATE_KEY, PUBLIC_KEY
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.store import FolderStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.staging import staged
 
 CHALLENGE_YAML: Final = "challenge.yaml"
 SQLITE: Final = "challenge.sqlite"
@@ -42,15 +50,19 @@ class Challenge:
     database: Database
 
     @classmethod
-    def open(cls, root: Path, database_url: str | None = None) -> Challenge:
+    def open(
+        cls, root: Path, database_url: str | None = None, *, upgrade: bool = False
+    ) -> Challenge:
         """Open a challenge.
 
         Args:
             root: Its folder.
             database_url: The database; None takes the SQLite file in the folder.
+            upgrade: Bring the database's tables to this version.
 
         Raises:
-            CallError: It is not a challenge, or its database is missing or of another version.
+            CallError: It is not a challenge, its database is missing or of another version, or
+                `challenge.yaml` lacks a phase that has submissions.
         """
         root = root.resolve()
         if not is_challenge(root):
@@ -67,7 +79,18 @@ class Challenge:
                 fix="Name the PostgreSQL database with --database, or restore a backup.",
             )
         challenge = cls.of(root, database_url)
+        if upgrade:
+            challenge.database.upgrade()
         challenge.database.check()
+        with challenge.database.read() as session:
+            used = set(session.scalars(select(Submission.phase).distinct()))
+        if lost := used - {phase.name for phase in challenge.settings.phases}:
+            raise CallError(
+                f"a phase that has submissions is missing: {', '.join(sorted(lost))}",
+                path=root / CHALLENGE_YAML,
+                where="phases",
+                fix="Give it its name again; a phase ends with `closes`.",
+            )
         return challenge
 
     @classmethod
@@ -113,6 +136,28 @@ class Challenge:
     def protocol_path(self, sha256: str) -> Path:
         """Return the file of a protocol that scores are computed by."""
         return self.root / "protocols" / f"{sha256}.json"
+
+
+@contextmanager
+def new_challenge(root: Path, database_url: str | None) -> Iterator[tuple[Path, Session]]:
+    """Make a challenge: its folder and its database both appear at the end, or neither.
+
+    Args:
+        root: The challenge's folder; new or empty.
+        database_url: An empty database; None makes a SQLite file in the folder.
+
+    Yields:
+        The folder and a session of the new tables, to fill both.
+
+    Raises:
+        CallError: The folder or the database is in use, or cannot be written.
+    """
+    with ExitStack() as stack:
+        # A server's tables are stored after the folder has its name, a file's before.
+        server = stack.enter_context(Database(database_url).new()) if database_url else None
+        place = stack.enter_context(staged(root, new=True))
+        os.chmod(place, 0o750)
+        yield place, server or stack.enter_context(database_of(place, None).new())
 
 
 def is_challenge(root: Path) -> bool:

@@ -12,14 +12,14 @@ from typing import Final
 import yaml
 
 from pliant.service.audit import HOST, record
-from pliant.service.challenge import CHALLENGE_YAML, Challenge
+from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.receipts import write_keys
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
 from pliant.service.versions import add_missing_versions
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.staging import refuse_existing, staged
+from pliant.spec.io.staging import refuse_existing
 from pliant.spec.storage import layout
 
 HOST_NAME: Final = "Host"
@@ -54,8 +54,7 @@ def create_challenge(
     refuse_existing(root)
     settings = read_challenge_settings(config, tuple(splits))
     _check_withheld(data, private, {phase.split for phase in settings.phases})
-    with staged(root, new=True) as place:
-        os.chmod(place, 0o750)
+    with new_challenge(root, database_url) as (place, session):
         shutil.copytree(data, place / "public")
         write_settings(place, settings)
         copy_private(private, place / "private" / "1")
@@ -63,14 +62,9 @@ def create_challenge(
             (place / folder).mkdir(mode=0o750)
         write_keys(place / "keys")
         challenge = Challenge.of(place, database_url)
-        challenge.database.upgrade()
-        try:
-            with challenge.database.write() as session:
-                record(session, HOST, "created", "challenge", title=challenge.title)
-                token = invite(session, HOST_NAME, actor=HOST, is_host=True)[1]
-                add_missing_versions(session, challenge)
-        finally:
-            challenge.database.engine.dispose()
+        record(session, HOST, "created", "challenge", title=challenge.title)
+        token = invite(session, HOST_NAME, actor=HOST, is_host=True)[1]
+        add_missing_versions(session, challenge)
     return token
 
 

@@ -12,7 +12,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, create_engine, event, text
+from sqlalchemy import Connection, Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError
 from sqlalchemy.orm import Session
@@ -65,21 +65,46 @@ class Database:
                 session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _WRITE_LOCK})
             yield session
 
+    @contextmanager
+    def new(self) -> Iterator[Session]:
+        """Create the tables; give a session that fills them. All is stored together, or nothing.
+
+        Raises:
+            CallError: There are tables already.
+        """
+        try:
+            with self.write() as session:
+                if inspect(session.connection()).get_table_names():
+                    raise CallError(
+                        "the database is not empty",
+                        path=self.engine.url.render_as_string(hide_password=True),
+                        fix="Name a new one with --database.",
+                    )
+                command.upgrade(_alembic(session.connection()), "head")
+                yield session
+        finally:
+            self.engine.dispose()
+
     def upgrade(self) -> None:
-        """Create the tables, or bring them to this version."""
+        """Bring the tables to this version.
+
+        Raises:
+            CallError: There are none.
+        """
         with self.engine.begin() as connection:
+            self._revision(connection)
             command.upgrade(_alembic(connection), "head")
 
     def check(self) -> None:
         """Refuse a database whose tables are not those of this version.
 
         Raises:
-            CallError: It cannot be reached, or has other tables.
+            CallError: It cannot be reached, or has other tables or none.
         """
         expected = ScriptDirectory.from_config(_alembic()).get_current_head()
         try:
             with self.engine.connect() as connection:
-                found = MigrationContext.configure(connection).get_current_revision()
+                found = self._revision(connection)
         except DBAPIError as error:
             raise CallError(
                 "the database cannot be reached",
@@ -95,6 +120,17 @@ class Database:
                 required=f"revision {expected}",
                 fix="Make a backup, then run: pliant challenge upgrade CHALLENGE",
             )
+
+    def _revision(self, connection: Connection) -> str:
+        found = MigrationContext.configure(connection).get_current_revision()
+        if found is None:
+            raise CallError(
+                "this is not the database of a challenge",
+                path=self.engine.url.render_as_string(hide_password=True),
+                found="no tables of Pliant",
+                fix="Name the challenge's own with --database, or restore a backup.",
+            )
+        return found
 
 
 def sqlite_url(path: Path) -> str:

@@ -6,6 +6,7 @@ import errno
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
+from urllib.parse import urlsplit
 
 from anyio import to_thread
 from fastapi import FastAPI, Request
@@ -24,7 +25,7 @@ from pliant.service.web.observe import Observation
 from pliant.service.web.security import Protection
 from pliant.service.web.state import Site, static_file
 from pliant.service.web.uploads import remove_abandoned
-from pliant.spec.errors import PliantError
+from pliant.spec.errors import CallError, PliantError
 
 _UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
 _RETRY_AFTER_S = "5"
@@ -45,7 +46,17 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
     Args:
         challenge: The challenge.
         base_url: Address that others reach it by, such as `https://challenge.example.org`.
+
+    Raises:
+        CallError: The address has a path, which the pages' links lack.
     """
+    if urlsplit(base_url).path.strip("/"):
+        raise CallError(
+            "the service needs a host name of its own",
+            where="--base-url",
+            found=base_url,
+            required="an address without a path, such as https://challenge.example.org",
+        )
     remove_abandoned(challenge.incoming)
     site = Site(challenge, base_url.rstrip("/"))
     app = FastAPI(

@@ -11,6 +11,7 @@ import tarfile
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
@@ -29,6 +30,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
+from pliant.service.web.app import make_app
 from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.conftest import Refused
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
@@ -149,7 +151,7 @@ def test_secrets_are_readable_by_their_owner_alone(make_trial: MakeTrial) -> Non
 
 
 def test_rescoring_adds_scores_and_changes_none(
-    make_trial: MakeTrial, service_halves: Halves
+    make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
 ) -> None:
     trial = scored(make_trial())
     before = rows(trial.challenge)["score"]
@@ -170,6 +172,13 @@ def test_rescoring_adds_scores_and_changes_none(
     with pytest.raises(SpecError, match="public half"):
         rescore_challenge(trial.challenge, None, None, service_halves.public, "wrong folder")
     assert os.listdir(trial.challenge.root / "private") == ["1"]
+    corrected = Path(shutil.copytree(service_halves.private, tmp_path / "corrected"))
+    path, manifest = corrected / "truth" / "test.parquet", corrected / "manifest.json"
+    pq.write_table(pq.read_table(path), path, compression="none")
+    document = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps({**document, "checksums_sha256": "0" * 64}))
+    new, count = rescore_challenge(trial.challenge, None, None, corrected, "corrected")
+    assert ({each.truth for each in new}, len(new), count) == ({2}, 2, 2)
     trial.send(b"later")
     trial.work()
     of_later = select(Version.protocol).join(Score).where(Score.submission_id == 4)
@@ -426,5 +435,63 @@ def test_what_create_and_open_refuse(
         create_challenge(tmp_path / "a", halves.public, halves.private, ["test"])
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
     (tmp_path / "a" / "challenge.sqlite").unlink()
-    with pytest.raises(CallError, match="database is missing"):
-        Challenge.open(tmp_path / "a")
+    for upgrade in (False, True):
+        with pytest.raises(CallError, match="database is missing"):
+            Challenge.open(tmp_path / "a", upgrade=upgrade)
+    (tmp_path / "a" / "challenge.sqlite").touch()
+    for upgrade in (False, True):
+        with pytest.raises(CallError, match="not the database of a challenge"):
+            Challenge.open(tmp_path / "a", upgrade=upgrade)
+
+
+def test_phases_with_submissions_keep_their_names(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    path = trial.challenge.root / "challenge.yaml"
+    rules = path.read_text()
+    renamed = rules.replace("name: test", "name: final")
+    path.write_text(renamed)
+    Challenge.open(trial.challenge.root).database.engine.dispose()
+    path.write_text(rules)
+    trial.send(b"file")
+    path.write_text(renamed)
+    with pytest.raises(CallError, match=r"submissions is missing: test.*closes"):
+        Challenge.open(trial.challenge.root)
+
+
+def test_an_address_with_a_path_is_refused(make_trial: MakeTrial) -> None:
+    """No link of the pages would lead to it."""
+    challenge = make_trial().challenge
+    assert make_app(challenge, "https://example.org/")
+    with pytest.raises(CallError, match="host name of its own"):
+        make_app(challenge, "https://example.org/ropes")
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_challenge_that_another_process_made_first(
+    kind: str, service_halves: Halves, tmp_path: Path, request: Any, monkeypatch: Any
+) -> None:
+    """The second `create` is refused, and its database stays empty."""
+    url = request.getfixturevalue("postgres")() if kind == "postgresql" else None
+
+    def create(name: str) -> None:
+        halves = service_halves
+        create_challenge(tmp_path / name, halves.public, halves.private, ["test"], None, url)
+
+    def too_late(folder: Path) -> None:
+        write_keys(folder)
+        (tmp_path / "lost").mkdir()
+        (tmp_path / "lost" / "challenge.yaml").touch()
+
+    with monkeypatch.context() as patched:
+        patched.setattr("pliant.service.creation.write_keys", too_late)
+        with pytest.raises(CallError, match="exists already"):
+            create("lost")
+    assert os.listdir(tmp_path) == ["lost"]
+    create("other")
+    if url is not None:
+        with pytest.raises(CallError, match="the database is not empty"):
+            create("third")
+    challenge = Challenge.open(tmp_path / "other", url)
+    with challenge.database.read() as session:
+        assert verify_log(session).entries > 0
+    challenge.database.engine.dispose()
