@@ -73,9 +73,13 @@ def work(root: Path, database_url: str | None) -> None:
     """Run a worker until SIGTERM, or until the process that started it has ended."""
     configure_logging()
     challenge = Challenge.open(root, database_url)
+    _add_versions(challenge)
+    run_worker(challenge, multiprocessing.parent_process())
+
+
+def _add_versions(challenge: Challenge) -> None:
     with challenge.database.write() as session:
         add_missing_versions(session, challenge)
-    run_worker(challenge, multiprocessing.parent_process())
 
 
 def serve(
@@ -100,9 +104,11 @@ def serve(
         trusted_proxy: Addresses of reverse proxies whose `X-Forwarded-…` headers count, or empty.
 
     Raises:
-        CallError: It is not a challenge, or the port is taken.
+        CallError: It is not a challenge, a phase cannot be scored, or the port is taken.
     """
     challenge = Challenge.open(root, database_url)
+    if workers:  # what they would refuse at their start, one after another
+        _add_versions(challenge)
     configure_logging()
     config = uvicorn.Config(
         make_app(challenge, base_url),

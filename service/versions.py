@@ -139,10 +139,24 @@ def add_version(
 
 
 def add_missing_versions(session: Session, challenge: Challenge) -> None:
-    """Add versions for the phases and protocols of `challenge.yaml` that have none yet."""
+    """Add versions for the phases and protocols of `challenge.yaml` that have none yet.
+
+    Raises:
+        CallError: A phase has another truth than its versions, or `add_version` refuses one.
+    """
+    dataset = Dataset.open(challenge.public)
     for phase in challenge.settings.phases:
         known = versions_of(session, phase.name)
         truth = max((each.truth for each in known), default=1)
+        path = _truth(dataset, challenge.private(truth), phase.split)
+        if known and sha256_file(path) not in {each.truth_sha256 for each in known}:
+            raise CallError(
+                "the truth of a phase is not the one of its scores",
+                path=path,
+                where=f"phase {phase.name}",
+                fix="Give another split a phase of its own; correct answers with: "
+                "pliant challenge rescore",
+            )
         for name in phase.protocols:
             text = protocol_text(name)
             if parse_protocol(text).name not in {each.protocol for each in known}:

@@ -458,6 +458,23 @@ def test_phases_with_submissions_keep_their_names(make_trial: MakeTrial) -> None
         Challenge.open(trial.challenge.root)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("- standard", "- standart", "no such protocol; found 'standart'"),
+        ("split: test", "split: val", "phase test: the truth of a phase is not the one"),
+    ],
+)
+def test_a_phase_that_cannot_be_scored_is_refused_before_serving(
+    old: str, new: str, message: str, make_trial: MakeTrial, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = make_trial().challenge.root
+    path = root / "challenge.yaml"
+    path.write_text(path.read_text().replace(old, new))
+    assert run(["serve", str(root)]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_an_address_with_a_path_is_refused(make_trial: MakeTrial) -> None:
     """No link of the pages would lead to it."""
     challenge = make_trial().challenge
