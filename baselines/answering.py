@@ -8,13 +8,13 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from pliant.baselines.answers import checked_answers, checked_matches
+from pliant.baselines.answers import checked_answers, checked_matches, placed_errors
 from pliant.baselines.matcher import KeypointMatcher, Matcher, SharingMatcher, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
@@ -52,33 +52,25 @@ class _Worker:
             and source.id == target.id
             and target.temporal
         ):
-            with self._named(pairs):
+            with self._placed(pairs):
                 return [*answer_tracks(self._matcher, pairs, masks=self._masks)]
         return [self._one(pair) for pair in pairs]
 
-    @contextmanager
-    def _named(self, pairs: Sequence[QueryPair]) -> Iterator[None]:
-        """Add to an error of the method at which pairs it was."""
-        try:
-            yield
-        except Exception as error:
-            first, last = pairs[0], pairs[-1]
-            further = "" if first is last else f" to {last.pair_id}"
-            error.add_note(
-                f"The method {self._matcher.name!r} was at pair {first.pair_id}{further}, "
-                f"from {first.source.key} to {last.target.key}"
-            )
-            raise
+    def _placed(self, pairs: Sequence[QueryPair]) -> AbstractContextManager[None]:
+        first, last = pairs[0], pairs[-1]
+        further = "" if first is last else f" to {last.pair_id}"
+        place = f"pair {first.pair_id}{further}, from {first.source.key} to {last.target.key}"
+        return placed_errors(self._matcher.name, place)
 
     def _one(self, pair: QueryPair) -> Result:
         seen = pair.seen(masks=self._masks)
         masked = seen.target.mask is not None
         name, place = self._matcher.name, f"pair {pair.pair_id}"
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
-            with self._named([pair]):
+            with self._placed([pair]):
                 matches = self._matcher.match(seen.source, seen.target)
             return checked_matches(matches, name, place), masked
-        with self._named([pair]):
+        with self._placed([pair]):
             found = self._matcher.answer(seen)
         return checked_answers(found, len(pair), name, place), masked
 

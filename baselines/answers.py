@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
@@ -38,6 +39,16 @@ _SCORE: Final[Bounds] = (
     float(np.finfo(np.float32).max),
     "a finite number",
 )
+
+
+@contextmanager
+def placed_errors(method: str, place: str) -> Iterator[None]:
+    """Add to an error of a method where it was."""
+    try:
+        yield
+    except Exception as error:
+        error.add_note(f"The method {method!r} was at {place}")
+        raise
 
 
 def checked_answers(found: object, count: int, method: str, where: str) -> Answers:

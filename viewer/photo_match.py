@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.answers import checked_answers, checked_heat
+from pliant.baselines.answers import checked_answers, checked_heat, placed_errors
 from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, RemarkingMatcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.arrays import FloatArray
@@ -180,11 +180,15 @@ def match_photo(
     scale_a, scale_b = (size / view for size, view in zip(whole, views, strict=True))
     uv_a_px = (np.array(at_px, np.float64).reshape(-1, 2) / scale_a).astype(np.float32)
     _check_queries(source, uv_a_px, at_px, whole[0])
-    found = matcher.answer(Pair(source, target, uv_a_px))
+    masks = (("source", source.mask), ("target", target.mask))
+    shown = " and ".join(f"the {side}{' (no mask)' * (mask is None)}" for side, mask in masks)
+    with placed_errors(matcher.name, shown):
+        found = matcher.answer(Pair(source, target, uv_a_px))
     answers = checked_answers(found, len(uv_a_px), matcher.name, "these pictures")
     heat = None  # of a single point: a method may take seconds for each
     if len(at_px) == 1 and isinstance(matcher, HeatMatcher):
-        given = matcher.heat(source, target, uv_a_px[0])
+        with placed_errors(matcher.name, shown):
+            given = matcher.heat(source, target, uv_a_px[0])
         heat = checked_heat(given, target.rgb.shape[:2], matcher.name)
     points = [
         PointMatch(

@@ -22,6 +22,7 @@ from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import PhotoMatch, PointMatch, grid_points, match_photo
 from tests.baselines.cards import Similarity, card_view
 from tests.conftest import Refused
+from tests.known import known
 from tests.viewer.test_photo_views import rope_on
 
 
@@ -154,6 +155,18 @@ def test_heat_maps_that_are_none_are_refused(
 
     with pytest.raises(SubmissionError, match=message):
         on_itself(Warm())
+
+
+def test_an_error_of_a_method_names_it_and_the_missing_mask() -> None:
+    class Masked(Identity):
+        def answer(self, pair: Pair) -> Answers:
+            raise KeyError(known(pair.target.mask).shape)
+
+    view = card_view(Similarity())
+    with pytest.raises(AssertionError) as caught:
+        match_photo(Masked(), view, Frame(view.rgb), [(100, 100)])
+    (note,) = caught.value.__notes__
+    assert note == "The method 'identity' was at the source and the target (no mask)"
 
 
 def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
