@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
@@ -68,8 +69,13 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
     except RecursionError as error:
         raise _too_deep(path) from error
     except ValueError as error:
+        marked = data.startswith(BOM_UTF8)
         raise FileRefusedError(
-            "FILE_UNREADABLE", "this is not strict JSON", path=path, found=str(error)
+            "FILE_UNREADABLE",
+            "this is not strict JSON",
+            path=path,
+            found="a byte order mark" if marked else str(error),
+            fix="Save the file as UTF-8 without it." if marked else None,
         ) from error
     level: list[Any] = [parsed]
     for _ in range(limits.MAX_JSON_DEPTH):

@@ -60,7 +60,7 @@ def read_yaml(path: Path | str) -> Any:
     if not str(path).endswith(".json"):
         return parse_yaml(text, path)
     try:
-        return parse_json(data, path)
+        return parse_json(text.encode(), path)
     except FileRefusedError as error:
         raise SettingsFileError(error.message, path=path, found=error.found) from error
 

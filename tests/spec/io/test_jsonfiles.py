@@ -23,7 +23,7 @@ from pliant.spec.io.reading import FileRefusedError
         (b'{"a": NaN}', "FILE_UNREADABLE", "NaN"),
         (b'{"a": 1e999}', "FILE_UNREADABLE", "1e999"),
         (b"\xff\xfe{\x00}\x00", "FILE_UNREADABLE", "utf-8"),
-        (b"\xef\xbb\xbf{}", "FILE_UNREADABLE", "BOM"),
+        (b"\xef\xbb\xbf{}", "FILE_UNREADABLE", "found a byte order mark. Save the file as UTF-8"),
         (b"", "FILE_UNREADABLE", "Expecting value"),
         (b"9" * 5000, "FILE_UNREADABLE", "digits"),
         (b"[" * 65 + b"]" * 65, "FILE_TOO_LARGE", "deeply"),

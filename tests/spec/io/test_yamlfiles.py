@@ -125,7 +125,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_json_is_read_by_its_name(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    path.write_text('{\n\t"a": 1e-3}')
+    path.write_bytes(b'\xef\xbb\xbf{\n\t"a": 1e-3}')
     assert read_yaml(path) == {"a": 1e-3}
     path.write_text('{"a": 1, "a": 2}')
     with pytest.raises(SettingsFileError, match="'a' twice"):
