@@ -1,11 +1,13 @@
-"""Ctrl-C between two steps of a training instead of within one."""
+"""Ctrl-C is for the process that trains, between two steps instead of within one."""
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 
 @contextmanager
@@ -26,3 +28,18 @@ def interrupts_deferred() -> Iterator[None]:
             signal.signal(number, handler)
     if received:
         signal.raise_signal(received[0])
+
+
+@contextmanager
+def children_ignore_interrupts() -> Iterator[None]:
+    """Let processes that the body starts ignore SIGINT; here it is handled after the body."""
+    with interrupts_deferred():
+        if sys.platform == "win32":  # processes inherit no signal mask there
+            yield
+            return
+        resource_tracker.ensure_running()  # begun within, it would unblock the signal
+        usual = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, usual)

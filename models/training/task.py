@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader
 from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders import FrameStore, StepOrder
+from pliant.models.training.interrupts import children_ignore_interrupts
 from pliant.models.training.precision import halved
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
@@ -55,17 +56,19 @@ class Task(ABC, Generic[Chosen]):
         split = self.settings.split
         return FrameStore(dataset, tier, split, self.size, cache=self._cache, limit=limit)
 
-    def batches(self, start: int, stop: int) -> DataLoader[Any]:
+    def batches(self, start: int, stop: int) -> Iterator[Batch]:
         """Return the batches of steps start to stop - 1 for this process."""
         rank, world = self.processes.rank, self.processes.world
         order = StepOrder(self.settings.batch, start, stop, rank=rank, world=world)
-        return DataLoader(
+        loader: DataLoader[Any] = DataLoader(
             self.samples,
             batch_sampler=order,
             num_workers=self.settings.workers,
             pin_memory=self.processes.device.type == "cuda",
             multiprocessing_context="spawn" if self.settings.workers else None,
         )
+        with children_ignore_interrupts():
+            return iter(loader)
 
     def precision(self) -> torch.autocast:
         """Return the context in which the network runs at the run's precision."""

@@ -6,11 +6,16 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import torch
+from torch.utils.data import Dataset as TorchDataset
 
 from pliant.models.don.trainer import train_don
+from pliant.models.training.processes import Processes
+from pliant.models.training.task import Task
 from pliant.spec.dataset import Dataset
 from tests.models.same_runs import assert_same_runs
 from tests.models.tiny_runs import don
@@ -70,3 +75,20 @@ def test_resumed_equals_uninterrupted(
     assert_same_runs(whole, run, steps=6)
     for file in ("calibration.json", "familiarity.json"):
         assert (whole / file).read_text() == (run / file).read_text()
+
+
+class Deaf(TorchDataset[torch.Tensor]):
+    """Samples that say whether their process ignores Ctrl-C."""
+
+    def __getitem__(self, index: int) -> torch.Tensor:
+        return torch.tensor(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_loader_processes_leave_interrupts_to_the_training(workers: int) -> None:
+    processes = Processes(0, 1, torch.device("cpu"))
+    settings = SETTINGS.replace(workers=workers, batch=1)
+    task: Any = SimpleNamespace(processes=processes, settings=settings, samples=Deaf())
+    ignored: Any = next(Task.batches(task, 0, 1))
+    assert ignored.item() == bool(workers)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
