@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from pliant.models.don.matcher import DonMatcher
     from pliant.models.timecycle.matcher import TimeCycleMatcher
 
-__all__ = ["load_matcher"]
+__all__ = ["CARD", "load_matcher"]
+
+CARD: Final = "CARD.md"
+"""The card of an exported model; other runs have none."""
 
 
 def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a training run, of whatever kind its config says.
+
+    That of an exported model has the model's name, its folder's.
 
     Args:
         run: The run's folder.
@@ -28,7 +33,7 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher | TimeCycleMa
     Examples:
         >>> run = Path(pliant.models.__file__).parent / "shipped" / "don-rope"
         >>> pliant.models.load_matcher(run).name
-        'don'
+        'don-rope'
     """
     from pliant.spec.errors import MissingExtraError
 
@@ -38,9 +43,12 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher | TimeCycleMa
         from pliant.models.training.run_folder import CONFIG
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
-    if _kind(Path(run) / CONFIG) == "timecycle":
-        return load_timecycle(Path(run), **options)
-    return load_don(run, **options)
+    run = Path(run)
+    load = load_timecycle if _kind(run / CONFIG) == "timecycle" else load_don
+    matcher: DonMatcher | TimeCycleMatcher = load(run, **options)
+    if (run / CARD).is_file():
+        matcher.name = run.resolve().name
+    return matcher
 
 
 def _kind(config: Path) -> str:

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
-from pliant.models import load_matcher
+from pliant.models import CARD, load_matcher
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS
-from pliant.models.shipped import CARD
 from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, TENSORBOARD
 from pliant.spec.dataset import Dataset
@@ -23,6 +22,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.staging import staged
 from pliant.spec.io.yamlfiles import read_yaml, yaml_text
+from pliant.spec.text import shortened
 
 DATA_CONFIG: Final = "data.yaml"
 """The config that the training set was generated from; `pliant generate` takes it."""
@@ -198,6 +198,6 @@ def _check_report(report: Scores, facts: dict[str, Any]) -> None:
                 "the report is of another run",
                 path=report.document["submission"]["file"],
                 where=f"method.{key}",
-                found=method.get(key),
-                required=facts.get(key),
+                found=f"{shortened(repr(method.get(key)), 80)} of the method {method['name']!r}",
+                required=shortened(repr(facts.get(key)), 80),
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from pliant.models import CARD, load_matcher
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
 FOLDER: Final = Path(__file__).parent / "shipped"
 """Folder of the models."""
 
-CARD: Final = "CARD.md"
-"""A shipped model's card; a folder without one is none."""
-
 
 def shipped_names() -> tuple[str, ...]:
     """Return the names of the shipped models, sorted."""
@@ -28,7 +26,7 @@ def shipped_names() -> tuple[str, ...]:
 
 
 def load_shipped(name: str, /, **options: Any) -> DonMatcher | TimeCycleMatcher:
-    """Return the matcher of a shipped model; it bears the model's name.
+    """Return the matcher of a shipped model.
 
     Args:
         name: One of `shipped_names`.
@@ -39,11 +37,7 @@ def load_shipped(name: str, /, **options: Any) -> DonMatcher | TimeCycleMatcher:
         MissingExtraError: torch is not installed.
         TrainingError: Its folder is damaged.
     """
-    from pliant.models import load_matcher
-
     names = shipped_names()
     if name not in names:
         raise CallError(f"no model {name!r} is shipped", required=", ".join(names) or None)
-    matcher = load_matcher(FOLDER / name, **options)
-    matcher.name = name
-    return matcher
+    return load_matcher(FOLDER / name, **options)

@@ -21,7 +21,8 @@ from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, r
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
-from pliant.models.shipped import CARD, FOLDER
+from pliant.models import CARD
+from pliant.models.shipped import FOLDER
 from pliant.spec.cores import cpu_cores
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError

@@ -71,7 +71,7 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
         canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
     network = don_network(settings, canonical)
     load_best(network, run)
-    calibration = None
+    facts, calibration = read_run_json(run / RUN_FACTS), None
     if values := read_run_json(run / CALIBRATION):
         try:
             calibration = Calibration.from_document(values)
@@ -79,7 +79,13 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
             raise TrainingError(
                 "the calibration is damaged", path=run / CALIBRATION, found=str(error)
             ) from error
-    matcher = DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
+    elif facts:
+        raise TrainingError(
+            "the calibration of a finished run is missing",
+            path=run / CALIBRATION,
+            fix="Copy it from the run's folder, or make it there with --resume.",
+        )
+    matcher = DonMatcher(network, settings, calibration, facts)
     if values := read_run_json(run / FAMILIARITY):
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
     if settings.answer.crossings and (run / CROSSINGS).is_file():

@@ -169,8 +169,8 @@ class DonTask(Task[DonSettings]):
                 save_weights(run / CROSSINGS, matcher.reader.crossings.state_dict())
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
         facts["validation"] = validate(matcher, final_pairs, size)
-        write_json(run / RUN_FACTS, facts)
         write_json(run / CALIBRATION, asdict(calibration))
+        write_json(run / RUN_FACTS, facts)
         bare = [pair.without_masks() for pair in pairs]
         familiarity = matcher.fitted_familiarity([*pairs, *bare])
         write_json(run / FAMILIARITY, familiarity.as_document())

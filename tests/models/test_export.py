@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +126,7 @@ def test_card_of_timecycle(tiny_episode: Path, tmp_path: Path) -> None:
     card = " ".join((folder / "CARD.md").read_text().split())
     assert f"RMSE {facts['validation']['rmse_px']:.2f} px of a picture 640 px wide" in card
     assert facts["guard"]["verdict"] in card
-    assert load_matcher(folder).name == "timecycle"
+    assert load_matcher(folder).name == "walker"
 
 
 def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
@@ -245,9 +246,8 @@ def test_what_cannot_be_shipped_is_refused(
 
     report = read_scores(models.parent / "report")
     report.document["submission"]["method"]["steps"] = 13
-    with pytest.raises(
-        CallError, match=r"method\.steps: the report is of another run; found 13; required: 12"
-    ):
+    message = r"method\.steps: the report is of another run; found 13 of the method 'don'; .* 12"
+    with pytest.raises(CallError, match=message):
         export_run(trained, "don", tmp_path, dataset, [report])
     assert not list(tmp_path.glob("*/CARD.md"))
 
@@ -265,6 +265,10 @@ def test_unknown_and_damaged_models_are_refused(
     (tmp_path / "don-x" / "config.yaml").write_text("tier: rope\n")
     monkeypatch.setattr(shipped, "FOLDER", tmp_path)
     with pytest.raises(TrainingError, match="weights cannot be read"):
+        load_shipped("don-x")
+    for name in ("config.yaml", "best.safetensors", "run.json"):
+        shutil.copyfile(models / "don-tiny" / name, tmp_path / "don-x" / name)
+    with pytest.raises(TrainingError, match=r"calibration\.json: the calibration .* is missing"):
         load_shipped("don-x")
 
 
