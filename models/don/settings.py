@@ -221,7 +221,7 @@ class DonSettings(RunSettings):
                 "Add --set pairs.pairing=next",
             )
         if self.answer.crossings and self.answer.decode != "trace":
-            raise Refused("'trace' for answer.crossings", "answer.decode")
+            raise Refused("'trace' while answer.crossings is true", "answer.decode")
         if self.augment.picture_drop > 0 and not (
             self.pairs.network_input.colour and self.pairs.masks
         ):
