@@ -8,6 +8,7 @@ import pickle
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
@@ -108,7 +109,7 @@ def answer_pairs(
         masks: Whether the matcher is given masks.
 
     Raises:
-        CallError: The matcher cannot be pickled.
+        CallError: The matcher cannot be pickled, or a worker process ends.
         SpecError: A file of the dataset is damaged.
         SubmissionError: The matcher returned something else than one finite answer per query.
     """
@@ -139,6 +140,12 @@ def answer_pairs(
         )
         try:
             yield from executor.map(_run_in_process, tasks)
+        except BrokenProcessPool as error:
+            raise CallError(
+                f"a worker process of the method {matcher.name!r} ended too early",
+                fix="Define the method in a file that can be imported, not in a notebook; if "
+                "memory ran out, use fewer workers.",
+            ) from error
         except BaseException:
             for process in [*executor._processes.values()]:
                 process.terminate()  # a task may take minutes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Mapping
@@ -281,6 +282,20 @@ def test_the_first_error_ends_all_workers(cards: Dataset, monkeypatch: pytest.Mo
     with pytest.raises(KeyError, match="missing"):
         answer(cards, "test", FailingOrSlow(fails=(first.source.key, first.target.key)), workers=2)
     assert time.monotonic() - begun < 50
+
+
+class Ending(Fixed):
+    """Ends its process, as a lack of memory would."""
+
+    name = "ending"
+
+    def answer(self, pair: Pair) -> Answers:
+        os._exit(3)
+
+
+def test_a_worker_that_ends_is_one_sentence(cards: Dataset) -> None:
+    with pytest.raises(CallError, match=r"process of the method 'ending' ended .* fewer workers"):
+        answer(cards, "test", Ending(), workers=2)
 
 
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
