@@ -31,6 +31,7 @@ _MARGIN_PX: Final = 4
 _TABLE_PX: Final = 12.0
 _DARKEST: Final = -2.5
 _NO_CHROMA, _CHROMA = 0.2, 0.4  # of log r: below a shadow, above an object
+_COLOURLESS: Final = 0.1  # of log r: the chroma of a grey picture
 _NO_LIGHT, _LIGHT = 0.1, 0.5  # of the mean of log r, likewise
 _ROUNDS: Final = 2
 _LEAST_PART: Final = 0.05  # of the largest part
@@ -122,6 +123,8 @@ def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     light = log_ratio.mean(axis=-1)
     tint = log_ratio - light[..., None]
     chroma = np.linalg.norm(tint, axis=-1)
+    if np.percentile(chroma[near], 90) < _COLOURLESS and np.abs(light[near]).max() > _NO_LIGHT:
+        return p > 0.5  # in a grey picture, all that is darker than the table looks like shadow
     # A table with grain or noise varies by itself: what an object is must exceed that.
     usual_chroma = np.percentile(chroma[~near], 90)
     usual_light = np.percentile(np.abs(light[~near]), 95)

@@ -87,6 +87,17 @@ def test_a_rope_like_the_table_is_kept_where_the_network_is_sure() -> None:
     assert (own & part).sum() > 0.6 * part.sum()
 
 
+def test_a_dark_rope_in_a_grey_picture_is_no_shadow() -> None:
+    rgb, rope, _, shadow = scene()
+    grey = np.repeat(rgb.mean(axis=-1, keepdims=True), 3, axis=-1)
+    grey[rope] = 0.6 * grey[shadow].mean()
+    seen = 0.9 * rope.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3), dtype=np.float32)
+    own, _ = known(
+        rope_masks(grey.astype(np.uint8), Foreground(seen, seen, np.full_like(seen, 0.5)))
+    )
+    assert overlap(own, rope) > 0.8
+
+
 def test_a_ball_like_the_table_is_not_ruled_out_where_no_end_is_known() -> None:
     rgb, rope, ball, _ = scene()
     rgb[ball] = rgb[10, 10]
