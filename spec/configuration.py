@@ -57,7 +57,8 @@ class SettingsError(CallError):
 class Settings(pydantic.BaseModel):
     """Base of every class of settings: frozen, without conversions, and without unknown keys.
 
-    Keyword arguments are checked as `settings_from` checks the values of a file.
+    Made from keyword arguments, it raises pydantic's `ValidationError`; `settings_from` takes the
+    plain values of a file, and its `SettingsError` has one sentence per problem.
     """
 
     model_config = pydantic.ConfigDict(
@@ -66,12 +67,6 @@ class Settings(pydantic.BaseModel):
         strict=True,
         allow_inf_nan=False,
     )
-
-    def __init__(self, **values: Any) -> None:
-        _validated(type(self), values, instance=self)
-
-    # As BaseModel's own: pydantic does not call it for settings within settings.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     def replace(self, **changes: Any) -> Self:
         """Return settings with some values changed, checked like the whole.
@@ -112,23 +107,10 @@ def settings_from(
         raise CallError(
             "settings must be a mapping", path=path, where=where or None, found=_shown(values)
         )
-    return _validated(cls, values, where, path, overrides)
-
-
-def _validated(
-    cls: type[S],
-    values: Mapping[str, Any],
-    where: str = "",
-    path: Path | None = None,
-    overrides: Sequence[str] = (),
-    instance: S | None = None,
-) -> S:
-    """Return new settings, or the instance with the values set; arguments as `settings_from`."""
     # Strict JSON takes lists for tuples, mappings for settings, and no other conversion.
     document = json.dumps(with_overrides(values, overrides), default=_jsonable)
     try:
-        made: S = cls.__pydantic_validator__.validate_json(document, self_instance=instance)
-        return made
+        return cls.model_validate_json(document)
     except pydantic.ValidationError as error:
         overridden = [text.partition("=")[0].strip() for text in overrides]
         found = error.errors(include_url=False)
