@@ -205,12 +205,15 @@ def take_memory(task: Task) -> Result:
     return Result()
 
 
-@pytest.mark.parametrize(("what", "told"), [(hang, "too long"), (take_memory, "too much memory")])
+@pytest.mark.parametrize(
+    ("what", "wall_s", "told"),
+    [(hang, 2, "too long"), (take_memory, 300, "too much memory")],
+)
 def test_limits_of_the_settings_end_a_scorer(
-    what: object, told: str, make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch
+    what: object, wall_s: int, told: str, make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pliant.service.scoring.score", what)
-    trial = make_trial("scoring: {wall_s: 2, memory_gib: 1, tries: 1}\n")
+    trial = make_trial(f"scoring: {{wall_s: {wall_s}, memory_gib: 1, tries: 1}}\n")
     number = trial.send(b"good")
     trial.work(score_in_child)
     assert told in str(state_of(trial, number).failure)
