@@ -92,7 +92,9 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
             f"target, match at ({_numbers(at_b)}){rings}",
             f"heat map of {match.method} over the target",
         ]
-    images = [source.rgb, target.rgb, dimmed(target.rgb)]
+    images = [source.rgb, target.rgb]
+    if heat is not None:
+        images.append(dimmed(target.rgb))
     for axis, image, title, frame, shape in zip(axes, images, titles, frames, shapes, strict=False):
         show(axis, image, _wrapped(title, 10, tall * shape), frame)
     if single is None:
@@ -170,7 +172,7 @@ def _window(view: Frame, cropped: bool, marks: Sequence[npt.NDArray[np.float32]]
     height, width = view.rgb.shape[:2]
     if view.mask is None or not cropped or not view.mask.any():
         return 0, width, height, 0
-    v, u = (np.append(np.nonzero(view.mask)[k] + 0.5, [m[1 - k] for m in marks]) for k in (0, 1))
+    u, v = np.concatenate([np.argwhere(view.mask)[:, ::-1] + 0.5, marks]).T
     room = _ROOM * max(np.ptp(v), np.ptp(u)) + 8
     return (
         max(0, u.min() - room),

@@ -171,7 +171,7 @@ class SequenceMaker:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
                         rgb = apply_noise(rng, rgb, truth.surface, config.noise)
-                if (rgb == rgb[0, 0]).all():
+                if (rgb[0] == rgb[0, 0]).all() and (rgb == rgb[0, 0]).all():
                     raise GenerationError(
                         "the picture is one colour: its faults leave nothing of the object",
                         where=f"frame {frame}",

@@ -4,8 +4,8 @@ A network knows about where the object is: a `MaskNetwork`, or else the descript
 foreground is coarser. Nearby, every pixel is compared with the table around the
 object, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
 negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
-chroma and the mean of log r; where the network is sure, whatever the colour. `ball.py` tells the
-ball from the rope.
+chroma and the mean of log r; where the network is sure, whatever the colour. In a grey picture the
+network decides alone. `ball.py` tells the ball from the rope.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
-    """Return the pixels that GrabCut gives to the foreground."""
+    """Return the pixels that GrabCut, or in a grey picture the network, gives to the foreground."""
     log_ratio = _log_ratio_to_table(rgb, ~near)
     light = log_ratio.mean(axis=-1)
     tint = log_ratio - light[..., None]
