@@ -18,7 +18,7 @@ from pliant.spec.text import plural
     "--truth",
     metavar="TRUTH",
     type=PATH,
-    help="The split's truth, or `pliant publish`'s private half, where the dataset has none.",
+    help="The split's truth, its folder, or the private half of `pliant publish`.",
 )
 @port_options
 def command(
@@ -38,7 +38,7 @@ def command(
 
     dataset = load(data)
     if truth is not None:
-        dataset = dataset.with_private(truth) if truth.is_dir() else dataset.with_truth(truth)
+        dataset = dataset.with_truth(truth)
     explorer = open_explorer(dataset, answers, open_method)
     names = ", ".join(method.name for method in explorer.methods) or "no methods"
     subject = f"{dataset.id}: {plural(len(dataset.sequences), 'sequence')}, {names}"

@@ -6,7 +6,7 @@ import operator
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -162,14 +162,19 @@ class Dataset:
         return replace(self, listing=listing, files=files)
 
     def with_truth(self, path: Path) -> Dataset:
-        """Return this dataset with the truth of a split that is in a file next to it.
+        """Return this dataset with truth that is next to it.
 
         Args:
-            path: The split's truth, such as `pliant import` writes.
+            path: The truth of a split, the folder of it that `pliant import` writes, or a private
+                half.
 
         Raises:
             SpecError: It cannot be read, or is not the truth of this dataset's queries.
         """
+        if path.is_dir():
+            files = [path / f"{split}.parquet" for split in self.splits_with_queries()]
+            files = [file for file in files if file.is_file()]
+            return reduce(Dataset.with_truth, files, self) if files else self.with_private(path)
         footer = read_footer(path)
         split = str(footer.get("split"))
         known = {name: self.queries_sha256(name) for name in self.splits_with_queries()}

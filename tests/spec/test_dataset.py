@@ -137,5 +137,8 @@ def test_truth_from_a_file_next_to_the_dataset(copy_of: Copy, tmp_path: Path) ->
         dataset.truth("test")
     whole = Dataset.open(DATASETS / "full").truth("test")
     assert dataset.with_truth(truth).truth("test").equals(whole)
+    (tmp_path / "full-truth").mkdir()
+    (tmp_path / "full-truth" / "test.parquet").hardlink_to(truth)
+    assert dataset.with_truth(tmp_path / "full-truth").truth("test").equals(whole)
     with pytest.raises(SpecError, match="does not belong to these queries"):
         dataset.with_truth(root / "queries" / "test.parquet")
