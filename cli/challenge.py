@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,8 +97,9 @@ def create(
     splits = splits or ("test",)
     token = create_challenge(challenge, data, private, splits, config, database)
     text = f"{challenge}: created.\nHost's token, shown this once: {token}\n"
-    invite = to_call("pliant", "challenge", "invite", challenge, "TEAM")
-    text += f"Next: {invite}; {to_call('pliant', 'serve', challenge)}"
+    named = _database_named(database)
+    invite = to_call("pliant", "challenge", "invite", challenge, *named, "TEAM")
+    text += f"Next: {invite}; {to_call('pliant', 'serve', challenge, *named)}"
     echo_result({"challenge": str(challenge), "host_token": token}, text, as_json=as_json)
 
 
@@ -223,7 +225,7 @@ def restore(source: Path, out: Path, passphrase_file: Path | None, database: str
     from pliant.service.archive import restore_challenge
 
     restore_challenge(source, out, _passphrase(passphrase_file), database)
-    echo(f"{out}: restored. Next: {to_call('pliant', 'serve', out)}")
+    echo(f"{out}: restored. Next: {to_call('pliant', 'serve', out, *_database_named(database))}")
 
 
 @command.command("upgrade")
@@ -253,6 +255,12 @@ def work(challenge: Path, database: str | None) -> None:
     from pliant.service.server import work
 
     work(challenge, database)
+
+
+def _database_named(database: str | None) -> tuple[str, ...]:
+    """Return the option that names a database to the next command; the environment still does."""
+    asked = database is not None and database != os.environ.get("PLIANT_DATABASE")
+    return ("--database", str(database)) if asked else ()
 
 
 def _passphrase(path: Path | None) -> bytes | None:

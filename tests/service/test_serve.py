@@ -118,6 +118,15 @@ def test_a_newcomers_path(
     assert run(["challenge", "audit", str(root)]) == 0
 
 
+def test_the_next_command_names_the_database(
+    service_halves: Halves, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root, database = tmp_path / "challenge", ["--database", f"sqlite:///{tmp_path}/own.sqlite"]
+    halves = ["--data", str(service_halves.public), "--private", str(service_halves.private)]
+    assert run(["challenge", "create", str(root), *halves, *database]) == 0
+    assert capsys.readouterr().out.endswith(f"pliant serve {root} {' '.join(database)}\n")
+
+
 def test_the_web_process_never_opens_the_answers(
     service_halves: Halves, make_trial: MakeTrial, tmp_path: Path
 ) -> None:
