@@ -21,6 +21,14 @@ _POLL_S: Final = 1.0
 _PATIENCE_S: Final = 120
 """So long a service that does not answer is asked again."""
 
+_TRY_AGAIN: Final = "Try again: a file that arrived is not charged twice."
+_SILENT: Final = ("the service does not answer", _TRY_AGAIN)
+_OF_PROXIES: Final = {
+    413: ("the file is too large for the service's proxy", "Tell the host, who sets the limit."),
+    **dict.fromkeys((502, 503, 504), _SILENT),
+}
+"""What a reverse proxy that answers in place of the service means by a status, and what to do."""
+
 
 class Client:
     """A team's connection to a service.
@@ -115,10 +123,10 @@ class Client:
                 raise _refusal(error, self._root) from error
         except (OSError, ValueError) as error:
             raise _UnavailableError(
-                "the service does not answer",
+                _SILENT[0],
                 path=self._root,
                 found=str(getattr(error, "reason", error)),
-                fix="Try again: a file that arrived is not charged twice.",
+                fix=_TRY_AGAIN,
             ) from error
 
 
@@ -174,6 +182,9 @@ def _refusal(error: urllib.error.HTTPError, address: str) -> CallError:
         found = json.load(error)
         message, code = str(found["message"]), str(found["code"])
     except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException):
+        if error.code in _OF_PROXIES:
+            wrong, fix = _OF_PROXIES[error.code]
+            return kind(wrong, path=address, found=f"status {error.code}", fix=fix)
         return kind(
             "this is not the answer of an evaluation service",
             path=address,

@@ -55,6 +55,17 @@ def test_a_refusal_before_the_end_of_the_file_is_heard(large: Path) -> None:
                 Client(address, "pliant_a_b").send(large)
 
 
+@pytest.mark.parametrize(
+    ("status", "message"),
+    [("413 Too Large", "too large for the service's proxy"), ("502 Bad Gateway", "not answer")],
+)
+def test_a_proxy_that_answers_in_place_of_the_service(
+    large: Path, status: str, message: str
+) -> None:
+    with answering(status, STRANGER) as address, pytest.raises(CallError, match=message):
+        Client(address, "pliant_a_b").send(large)
+
+
 def test_an_address_of_something_else(large: Path) -> None:
     message = "not the answer of an evaluation service"
     with answering("404 Not Found", STRANGER) as address, pytest.raises(CallError, match=message):
