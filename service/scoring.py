@@ -30,6 +30,7 @@ class Task:
         file: The file on this machine.
         name: Its name on the participant's machine, for messages.
         public: The public half.
+        phase: The phase that it was sent to.
         split: The split it must answer.
         kind: Kind of submission that the phase scores: `answers` or `matches`.
         allow_missing: Whether queries may be without an answer.
@@ -39,6 +40,7 @@ class Task:
     file: Path
     name: str
     public: Path
+    phase: str
     split: str
     kind: Literal["answers", "matches"]
     allow_missing: bool
@@ -148,7 +150,7 @@ def _not_of_phase(task: Task) -> list[Issue]:
             "error",
             task.name,
             f"footer.{name}",
-            f"found {name} {footer[name]}; required: {own}, which this phase accepts",
+            f"found {name} {footer[name]}; required: {own}, which phase {task.phase} accepts",
         )
         for code, name, own in wanted
         if footer[name] != own

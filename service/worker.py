@@ -108,6 +108,7 @@ class Worker:
                 file=self.challenge.store.path(submission.file_sha256),
                 name=submission.file_name,
                 public=self.challenge.public,
+                phase=phase.name,
                 split=phase.split,
                 kind=parse_protocol(ways[0][1]).kind,
                 allow_missing=phase.allow_missing,

@@ -69,12 +69,12 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
             "matches": {
                 "code": "KIND_NOT_ACCEPTED",
                 "where": "footer.table",
-                "message": "found table matches; required: answers, which this phase accepts",
+                "message": "found table matches; required: answers, which phase test accepts",
             },
             "split": {
                 "code": "SPLIT_NOT_OF_PHASE",
                 "where": "footer.split",
-                "message": "found split val; required: test, which this phase accepts",
+                "message": "found split val; required: test, which phase test accepts",
             },
         }[name]
         for number in numbers:
