@@ -92,8 +92,9 @@ def _add_operations(app: FastAPI, site: Site) -> None:
             raise NotAcceptedError("NOT_FOUND", 404, "no such file")
         return Response(static_file(name), media_type=kind)
 
-    app.add_api_route("/healthz", healthz, include_in_schema=False)
-    app.add_api_route("/static/{name}", static, include_in_schema=False)
+    methods = ["GET", "HEAD"]
+    app.add_api_route("/healthz", healthz, methods=methods, include_in_schema=False)
+    app.add_api_route("/static/{name}", static, methods=methods, include_in_schema=False)
 
 
 def _add_errors(app: FastAPI, site: Site) -> None:

@@ -8,7 +8,10 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from fastapi.routing import APIRoute
 from starlette.datastructures import UploadFile
+from starlette.responses import Response
+from starlette.staticfiles import NotModifiedResponse, StaticFiles
 
 from pliant.service.audit import log_time
 from pliant.service.leaderboard import history
@@ -39,8 +42,21 @@ from pliant.service.web.uploads import receive_file
 from pliant.service.web.views import find_submission, is_own, submission_view
 from pliant.spec.storage.manifest import read_checksums
 
-router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 _CHUNK: Final = 1 << 20
+
+
+class PageRoute(APIRoute):
+    """A route that answers HEAD where it answers GET; the server leaves the body out."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if self.methods and "GET" in self.methods:
+            self.methods.add("HEAD")
+
+
+router = APIRouter(
+    include_in_schema=False, default_response_class=HTMLResponse, route_class=PageRoute
+)
 
 
 def page(site: Site, template: str, who: Identity | None, **values: Any) -> HTMLResponse:
@@ -108,9 +124,9 @@ def public_files(public: Path) -> list[tuple[str, int, str]]:
     ]
 
 
-@router.api_route("/data/{name:path}", methods=["GET", "HEAD"])
-def download(site: TheSite, name: str) -> FileResponse:
-    """Send a file of the public half; a range of it where the request names one."""
+@router.get("/data/{name:path}")
+def download(request: Request, site: TheSite, name: str) -> Response:
+    """Send a file of the public half, a range of it, or that it has not changed."""
     root = site.challenge.public.resolve()
     try:
         path = (root / name).resolve()
@@ -119,7 +135,11 @@ def download(site: TheSite, name: str) -> FileResponse:
         found = False
     if not found:
         raise NotAcceptedError("NOT_FOUND", 404, "no such file")
-    return FileResponse(path, media_type="application/octet-stream")
+    kept = {"Cache-Control": "no-cache"}  # it may be kept, and is asked about before each use
+    whole = FileResponse(path, 200, kept, "application/octet-stream", stat_result=path.stat())
+    if StaticFiles(directory=root).is_not_modified(whole.headers, request.headers):
+        return NotModifiedResponse(whole.headers)
+    return whole
 
 
 @router.get("/submit")

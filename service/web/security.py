@@ -108,7 +108,9 @@ def check_form(request: Request, who: Identity, csrf: str) -> None:
 def check_origin(request: Request) -> None:
     """Refuse a request that another site's page makes."""
     origin = request.headers.get("origin")
-    if origin and urlsplit(origin).netloc != request.headers.get("host"):
+    # A reverse proxy may pass another name on than the one that browsers see.
+    own = (request.headers.get("host"), urlsplit(site_of(request).base_url).netloc)
+    if origin and urlsplit(origin).netloc not in own:
         raise NotAcceptedError("FOREIGN_ORIGIN", 403, "the form is of another site")
 
 

@@ -192,6 +192,24 @@ def test_forms_need_their_own_page(plain: Trial, plain_client: TestClient) -> No
     assert ada.post("/admin/credit", team=2, phase="test", amount=5).status_code == 404
 
 
+def test_a_proxy_that_passes_its_own_host_name_on(plain: Trial) -> None:
+    """As nginx does by default; browsers name the origin that they see."""
+    app = make_app(plain.challenge, "https://challenge.example.org")
+    with TestClient(app, follow_redirects=False) as client:
+        for origin, status in (("challenge.example.org", 303), ("elsewhere.example", 403)):
+            headers = {"Origin": f"https://{origin}"}
+            signed_in = client.post("/login", data={"token": plain.host}, headers=headers)
+            assert signed_in.status_code == status
+
+
+def test_an_error_page_does_not_ask_a_team_to_sign_in_again(
+    plain: Trial, plain_client: TestClient
+) -> None:
+    page = SignedIn(plain_client, plain.tokens[0]).get("/submissions/99")
+    assert page.status_code == 404
+    assert "Sign in" not in page.text
+
+
 def test_upload_by_form(make_trial: MakeTrial) -> None:
     trial = make_trial("max_file_mb: 0.2\n")
     with client_of(trial) as client:
@@ -292,6 +310,8 @@ def test_download_in_ranges(plain_client: TestClient, service_halves: Halves) ->
     escapes = ("../challenge.yaml", "%2e%2e/challenge.sqlite", "..%2fkeys", "x%00y", "a" * 999)
     for path in escapes:
         assert client.get(f"/data/{path}").status_code == 404, path
+    known = {"If-None-Match": client.head(f"/data/{name}").headers["etag"]}
+    assert client.get(f"/data/{name}", headers=known).status_code == 304
 
 
 def test_headers_and_operations(plain_client: TestClient) -> None:
@@ -299,6 +319,8 @@ def test_headers_and_operations(plain_client: TestClient) -> None:
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert page.headers["x-content-type-options"] == "nosniff"
     assert plain_client.get("/healthz").text == "ok"
+    for path in ("/", "/healthz", "/static/service.css", "/data"):  # monitors and link checkers
+        assert plain_client.head(path).status_code == 200
     missing = plain_client.get(f"{API}/nope")
     assert (missing.status_code, missing.json()["code"]) == (404, "NOT_FOUND")
     assert plain_client.get("/no/such/page").status_code == 404
