@@ -32,6 +32,12 @@ _AZIMUTH_DEG: Final = {"rope": (-180.0, 180.0), "cloth": (-20.0, 20.0)}
 _WORKSPACE_SHARE: Final = 0.8
 # Share of an episode's workspace that is framed: things rarely reach its rim.
 
+_STEPS: Final = ((1.0, 60), (0.1, 400))
+# Share of each correction that is taken, and rounds. Near objects in a wide view need small steps.
+
+_BACK_OFF: Final = 0.9
+_BACK_OFFS: Final = 24
+
 
 def looking_at(
     eye_m: npt.ArrayLike,
@@ -97,7 +103,8 @@ def sample_camera(
         poses: Poses that must be wholly in the frame.
 
     Returns:
-        A camera; every vertex of the poses projects at least 2 % inside the frame.
+        A camera; every vertex of the poses projects at least 2 % inside the frame. Where `fill`
+        and `shift` would put it into the object or below the table, both become smaller.
 
     Raises:
         CallError: `camera.distance_m` puts the camera into the object or below the table, or
@@ -137,8 +144,27 @@ def sample_camera(
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     if settings.distance_m is not None:
         eye = middle + toward * rng.uniform(*settings.distance_m)
-        return _checked(_placed(rotation, eye, size, fov_deg), points)
-    return _framed(points, middle, rotation, size, fov_deg, fill, offset)
+        camera = _placed(rotation, eye, size, fov_deg)
+        fault = _fault(camera, points)
+        if fault is not None:
+            raise CallError(
+                fault,
+                where="camera.distance_m",
+                found=f"eye at {eye.round(3).tolist()} m",
+                fix="Give a larger distance, or none, to have it chosen by camera.fill.",
+            )
+        return camera
+    for _ in range(_BACK_OFFS):
+        framed = _framed(points, middle, rotation, size, fov_deg, fill, offset)
+        if framed is not None and _fault(framed, points) is None:
+            return framed
+        fill, offset = _BACK_OFF * fill, _BACK_OFF * offset
+    raise CallError(
+        "no camera sees the whole object",
+        where="camera",
+        found=f"{elevation:.0f} degrees above the table, field of view {fov_deg:.0f} degrees",
+        fix="Lower fov_deg, or raise oblique_elevation_deg.",
+    )
 
 
 def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
@@ -182,51 +208,48 @@ def _framed(
     fov_deg: float,
     fill: float,
     offset: FloatArray,
-) -> Camera:
-    """Back away from the object until its box takes `fill` of the frame, `offset` off centre."""
+) -> Camera | None:
+    """Back away from the object until its box takes `fill` of the frame, `offset` off centre.
+
+    Returns:
+        The camera, or None where it would have to be nearer than `CLEARANCE_M`.
+    """
     frame = np.asarray(size, np.float64)
     local = portable.product(points - middle, rotation.T)
     nearest = -local[:, 2].min() + CLEARANCE_M
-    distance = nearest + float(np.ptp(local, axis=0).max())
-    sideways = np.zeros(2)
     focal = frame[0] / 2 / math.tan(math.radians(fov_deg) / 2)
-    for _ in range(60):
-        depth = local[:, 2] + distance
-        uv = focal * (local[:, :2] + sideways) / depth[:, None]
-        low, high = uv.min(axis=0), uv.max(axis=0)
-        ratio = float(((high - low) / (frame * fill)).max())
-        room = np.maximum(frame - (high - low) - 2 * MIN_MARGIN * frame, 0.0) / 2
-        wanted = offset * room
-        sideways += (wanted - (low + high) / 2) * distance / focal
-        settled = np.abs(wanted - (low + high) / 2).max() < 1e-3 * frame[0]
-        if abs(ratio - 1) < 1e-3 and settled:
-            break
-        distance = max(nearest, distance * (1 + 0.8 * (ratio - 1)))
-    shift = np.array([sideways[0], sideways[1], distance])
-    return _checked(
-        _placed(rotation, middle - portable.product(shift, rotation), size, fov_deg), points
-    )
+    for share, rounds in _STEPS:
+        distance = nearest + float(np.ptp(local, axis=0).max())
+        sideways = np.zeros(2)
+        for _ in range(rounds):
+            depth = local[:, 2] + distance
+            uv = focal * (local[:, :2] + sideways) / depth[:, None]
+            low, high = uv.min(axis=0), uv.max(axis=0)
+            ratio = float(((high - low) / (frame * fill)).max())
+            room = np.maximum(frame - (high - low) - 2 * MIN_MARGIN * frame, 0.0) / 2
+            off = offset * room - (low + high) / 2
+            sideways += share * off * distance / focal
+            error = max(abs(ratio - 1), float(np.abs(off).max()) / frame[0])
+            if error < 1e-3:
+                break
+            distance = max(nearest, distance * (1 + 0.8 * share * (ratio - 1)))
+        if error < 1e-2:
+            shift = np.array([sideways[0], sideways[1], distance])
+            return _placed(rotation, middle - portable.product(shift, rotation), size, fov_deg)
+    return None
 
 
-def _checked(camera: Camera, points: FloatArray) -> Camera:
-    """Refuse a camera that does not see the whole object from outside and above."""
+def _fault(camera: Camera, points: FloatArray) -> str | None:
+    """Return what keeps a camera from seeing the whole object from outside and above, or None."""
     eye = camera.centre_m
     low, high = points.min(axis=0) - CLEARANCE_M, points.max(axis=0) + CLEARANCE_M
-    field = "camera.distance_m"
     if bool(((eye > low) & (eye < high)).all()):
-        raise CallError(
-            "the camera stands inside the object", where=field, found=eye.round(3).tolist()
-        )
+        return "the camera stands inside the object"
     if eye[2] < CLEARANCE_M:
-        raise CallError("the camera stands below the table", where=field, found=f"{eye[2]:.3f} m")
+        return "the camera stands below the table"
     uvz = camera.project(points)
     margin = np.array(camera.size) * MIN_MARGIN * 0.99
     inside = (uvz[:, :2] >= margin) & (uvz[:, :2] <= camera.size - margin)
     if not bool(inside.all()) or float(uvz[:, 2].min()) < NEAR_M:
-        raise CallError(
-            "the camera does not see the whole object",
-            where=field,
-            found=f"{portable.norm(eye - (low + high) / 2):.3f} m",
-            fix="Give a larger distance, or none, to have it chosen by camera.fill.",
-        )
-    return camera
+        return "the camera does not see the whole object"
+    return None

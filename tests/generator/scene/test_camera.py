@@ -42,6 +42,23 @@ def test_the_whole_object_is_framed(
             assert low - 1e-6 <= elevation <= high + 1e-6
 
 
+@pytest.mark.parametrize(("elevation", "least"), [(5.0, 0.1), (40.0, 0.61)])
+def test_a_wide_view_frames_the_whole_object_too(
+    tube: SceneObject, sheet: SceneObject, elevation: float, least: float
+) -> None:
+    settings = CameraSettings(
+        top=0.0, fov_deg=(90.0, 120.0), oblique_elevation_deg=(elevation, elevation)
+    )
+    for seed in range(12):
+        for scene_object in (tube, sheet):
+            camera = sample_camera(np.random.default_rng(seed), scene_object, settings, (161, 97))
+            uv = camera.project(np.concatenate(list(scene_object.pose(0).vertices.values())))[:, :2]
+            assert (uv > 0).all()
+            assert (uv < camera.size).all()
+            # Low views back off where the camera would be below the table.
+            assert least < (np.ptp(uv, axis=0) / camera.size).max() < 0.87
+
+
 def test_all_given_poses_are_framed(tube: SceneObject) -> None:
     poses = [tube.pose(0), tube.pose(60)]
     camera = sample_camera(np.random.default_rng(0), tube, CameraSettings(), (160, 120), poses)
