@@ -91,7 +91,7 @@ class Annotation:
             points = [str(point).strip() for point in document["points"]]
             marks = {
                 picture: {
-                    point: _checked(mark, sizes[picture], points, point)
+                    point: _checked(mark, picture, sizes[picture], points, point)
                     for point, mark in own.items()
                 }
                 for picture, own in document["marks"].items()
@@ -134,7 +134,9 @@ def _listed(mark: Mark) -> tuple[float | None, float | None, bool, str]:
     return x, y, mark.visible, mark.source
 
 
-def _checked(mark: Any, size: tuple[int, int], points: Sequence[str], point: str) -> Mark:
+def _checked(
+    mark: Any, picture: str, size: tuple[int, int], points: Sequence[str], point: str
+) -> Mark:
     x, y, visible, source = mark
     if point not in points or not point.isprintable() or not point or not isinstance(visible, bool):
         raise ValueError(f"point {point!r}")
@@ -142,7 +144,13 @@ def _checked(mark: Any, size: tuple[int, int], points: Sequence[str], point: str
     if x is None and y is None and not visible:
         return Mark(math.nan, math.nan, False, source)
     if not (0 <= float(x) <= size[0] and 0 <= float(y) <= size[1]):
-        raise ValueError(f"{point!r} at {x}, {y}")
+        raise CallError(
+            "a mark is outside its picture",
+            where=f"{picture}, point {point!r}",
+            found=f"{float(x):g}, {float(y):g}",
+            required=f"a position in {size[0]}x{size[1]} px",
+            fix="Move the mark, or remove it.",
+        )
     return Mark(float(x), float(y), visible, source)
 
 

@@ -89,7 +89,7 @@ def test_marks_are_written_and_read_again(folder: Path) -> None:
 )
 def test_marks_of_another_form_are_refused(folder: Path, marks: Any) -> None:
     annotation = Annotation(folder, ["ball"])
-    with pytest.raises(CallError, match="not of this folder"):
+    with pytest.raises(CallError, match=r"not of this folder|one.jpg, point 'ball'.* in 400x300 px"):
         annotation.update({"points": ["ball"], "marks": marks})
     assert not (folder / "annotations.csv").exists()
 
@@ -219,6 +219,33 @@ def test_a_second_window_does_not_undo_the_marks_of_the_first(
     assert len(marks_of(folder)) == 2
 
 
+def test_marking_by_keyboard_undo_elsewhere_and_a_server_that_has_ended(
+    browser: Browser, folder: Path
+) -> None:
+    said = "$('said').textContent"
+    with shown(browser, Annotation(folder, ["constructor", "end"])) as address:
+        assert browser.run("return chosen") == "constructor"  # a name that every object has
+        browser.keys(Keys.SHIFT, Keys.ARROW_RIGHT)
+        browser.wait(f"{said} === '1 mark saved'")
+        name, point, x, y, *_ = marks_of(folder)[0].split(",")
+        assert (name, point) == ("one.jpg", "constructor")
+        assert float(x) == pytest.approx(200 + 4 / browser.run("return zoom"), abs=0.01)
+        assert float(y) == pytest.approx(150, abs=0.01)
+        browser.keys("n")
+        browser.driver.refresh()
+        browser.wait("document.body.dataset.ready && picture().name === 'three.webp'")
+        browser.keys("h")
+        browser.wait(f"{said} === '2 marks saved'")
+        browser.keys("p")
+        browser.keys(Keys.CONTROL, "z")
+        browser.wait(f"{said} === '1 mark saved' && picture().name === 'three.webp'")
+        assert address in browser.driver.current_url
+    browser.keys("h")
+    browser.wait(f"{said}.startsWith('Not saved: the command has ended. Run it again')")
+    assert len(marks_of(folder)) == 1
+    browser.errors()  # the refused connection
+
+
 def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, folder: Path) -> None:
     annotation = Annotation(folder, ["ball", "end", "middle"])
     placed = {name: [50 + 9 * k, 50, True, "marked"] for k, name in enumerate(annotation.points)}
@@ -255,6 +282,7 @@ def test_the_page_fits_its_window(browser: Browser, folder: Path, width: int, da
     with shown(browser, annotation, width=width, dark=dark):
         assert browser.run("return document.documentElement.scrollWidth") <= width
         assert browser.run("return view.getBoundingClientRect().height") >= 240
+        assert browser.run("return $('said').getBoundingClientRect().bottom <= innerHeight")
         paper = browser.run("return getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, paper.strip("rgb()").split(","))) < 300) == dark
     assert browser.errors() == []

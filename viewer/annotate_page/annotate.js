@@ -5,12 +5,14 @@ let state = {pictures: [], points: [], marks: {}, suggests: false}, at = 0, othe
 let zoom = 1, left = 0, top_ = 0;  // of the picture in the view, CSS pixels
 
 const picture = (k = at) => state.pictures[k];
-const own = (k = at) => state.marks[picture(k).name] ||= {};
+const own = (k = at) => state.marks[picture(k).name] ||= Object.create(null);
 const colour = point => `hsl(${(state.points.indexOf(point) * 137.5) % 360} 85% 55%)`;
 const suggested = mark => mark?.[3] === "suggested";
 const unconfirmed = () => state.points.filter(point => suggested(own()[point]));
 const todo = () => state.points.find(point => !own()[point] || suggested(own()[point])) ?? state.points[0] ?? null;
-const copy = value => JSON.parse(JSON.stringify(value));
+// Without the names that every object has: a point may be called "constructor".
+const bare = (_, value) => value && Object.getPrototypeOf(value) === Object.prototype ? Object.assign(Object.create(null), value) : value;
+const copy = value => JSON.parse(JSON.stringify(value), bare);
 
 function say(text, bad = false) { $("said").textContent = text; $("said").className = bad ? "bad" : ""; }
 
@@ -27,8 +29,8 @@ function image(k) {
 }
 
 async function send(path, body) {
-  const answer = await fetch(path, {method: "POST", body: JSON.stringify(body)});
-  const found = await answer.json();
+  const found = await fetch(path, {method: "POST", body: JSON.stringify(body)}).then(answer => answer.json()).catch(() => null);
+  if (!found) throw new Error("the command has ended. Run it again, open the address that it prints, and repeat this");
   if (found.error) throw new Error(found.error);
   return found;
 }
@@ -44,8 +46,15 @@ function save() {
   });
 }
 
-function change(what) { past.push(copy({points: state.points, marks: state.marks})); if (past.length > 200) past.shift(); what(); save(); render(); }
-function undo() { const last = past.pop(); if (!last) return; Object.assign(state, last); if (!state.points.includes(chosen)) chosen = state.points[0] ?? null; save(); render(); }
+function change(what) { past.push([copy({points: state.points, marks: state.marks}), at]); if (past.length > 200) past.shift(); what(); save(); render(); }
+function undo() {
+  if (!past.length) return;
+  const [last, where] = past.pop();
+  Object.assign(state, last);
+  if (!state.points.includes(chosen)) chosen = state.points[0] ?? null;
+  save();
+  if (where === at) render(); else go(where);
+}
 
 function fit() {
   const {width, height} = picture(), box = view.getBoundingClientRect();
@@ -112,6 +121,7 @@ function go(to) {
   if (to < 0 || to >= state.pictures.length) return;
   if (other === to || Object.keys(own(at)).length) other = at;
   at = to; chosen = todo();
+  history.replaceState(null, "", `#${at + 1}`);  // reloading stays here
   fit(); render();
 }
 function step(by) { const k = state.points.indexOf(chosen) + by; if (k >= 0 && k < state.points.length) { chosen = state.points[k]; render(); } }
@@ -122,6 +132,13 @@ function place(u, v) {
   change(() => { own()[chosen] = [u, v, own()[chosen]?.[0] != null ? own()[chosen][2] : true, "marked"]; });
   const rest = state.points.slice(state.points.indexOf(chosen) + 1).find(point => !own()[point]);
   if (rest) { chosen = rest; render(); }
+}
+/** Move the mark of the chosen point, or set one in the middle of the view, by CSS pixels. */
+function nudge(x, y) {
+  if (chosen === null) return;
+  const {width, height} = picture(), box = view.getBoundingClientRect(), mark = own()[chosen], inside = (value, most) => Math.min(Math.max(value, 0), most);
+  const [u, v, visible] = mark && mark[0] !== null ? mark : [(box.width / 2 - left) / zoom, (box.height / 2 - top_) / zoom, true];
+  change(() => { own()[chosen] = [inside(u + x / zoom, width), inside(v + y / zoom, height), visible, "marked"]; });
 }
 function hide() {
   if (chosen === null) return;
@@ -172,6 +189,8 @@ document.onkeydown = event => {
   if (["INPUT", "SELECT"].includes(event.target.tagName)) return;
   if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") { event.preventDefault(); undo(); return; }
   if (event.key === "Enter" && event.target.tagName === "BUTTON") return;
+  const by = event.shiftKey && {ArrowLeft: [-4, 0], ArrowRight: [4, 0], ArrowUp: [0, -4], ArrowDown: [0, 4]}[event.key];
+  if (by) { event.preventDefault(); nudge(...by); return; }
   if (event.key === "Enter" && event.shiftKey) { event.preventDefault(); accept(true); return; }
   const act = !event.ctrlKey && !event.metaKey && !event.altKey && KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
   if (act) { event.preventDefault(); act(); }
@@ -187,7 +206,8 @@ $("add").onsubmit = event => {
 $("other").onchange = () => { other = Number($("other").value); render(); };
 window.onresize = draw;
 (async () => {
-  state = await (await fetch("state")).json();
+  state = copy(await (await fetch("state")).json());
+  at = Math.min(Math.max(Number(location.hash.slice(1)) || 1, 1), state.pictures.length) - 1;
   $("other").replaceChildren(...state.pictures.map((each, k) => { const option = document.createElement("option"); option.value = k; option.textContent = each.name; return option; }));
   $("suggest").hidden = !state.suggests;
   chosen = todo();
