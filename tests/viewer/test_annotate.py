@@ -89,7 +89,9 @@ def test_marks_are_written_and_read_again(folder: Path) -> None:
 )
 def test_marks_of_another_form_are_refused(folder: Path, marks: Any) -> None:
     annotation = Annotation(folder, ["ball"])
-    with pytest.raises(CallError, match=r"not of this folder|one.jpg, point 'ball'.* in 400x300 px"):
+    with pytest.raises(
+        CallError, match=r"not of this folder|one.jpg, point 'ball'.* in 400x300 px"
+    ):
         annotation.update({"points": ["ball"], "marks": marks})
     assert not (folder / "annotations.csv").exists()
 

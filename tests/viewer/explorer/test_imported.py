@@ -58,8 +58,21 @@ def test_what_the_set_does_not_have_is_disabled_with_a_reason(
         )
         page.keys("v")
         assert page.run("return !document.getElementById('compare').hidden")
+    browser.errors()
     with explored(dataset, browser, "#tab=scene") as page:
+        page.wait("document.getElementById('tab-scene').disabled")
         page.wait("!document.getElementById('compare').hidden")
+        assert page.errors() == []
+
+
+def test_upright_pictures_fit_the_window(folder: Path, browser: Browser) -> None:
+    dataset = imported(folder, folder.with_name("upright"), "--size", "60x100")
+    with explored(dataset, browser) as page:
+        answers = "document.getElementById('answers').getBoundingClientRect()"
+        assert page.run(f"return {answers}.top") < 800
+        assert page.run("return document.querySelector('#pairs small').textContent") == (
+            "test 0 · 1 query"
+        )
 
 
 def test_masks_and_depth_of_a_camera_are_shown(folder: Path, browser: Browser) -> None:

@@ -297,3 +297,23 @@ def test_an_episode_plays_in_3d(
         browser.keys(" ")
         assert browser.run("return document.getElementById('play').textContent") == "▶ Play"
         browser.open("about:blank")  # before the server ends: nothing asks for more
+
+
+def test_a_browser_without_3d_and_a_set_without_queries_say_so(page: Page) -> None:
+    page.open()
+    page.browser.run(
+        "const real = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {"
+        " return kind.startsWith('webgl') ? null : real.call(this, kind, ...rest); }"
+    )
+    page.browser.keys("v")
+    page.browser.wait(
+        "document.getElementById('scene-note').textContent.startsWith('This browser')"
+    )
+    page.browser.errors()  # of three.js
+    queries = page.explorer.queries
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(queries, "splits", {})
+        page.open()
+        assert page.browser.run("return document.getElementById('free').open")
+        assert page.browser.run("return document.getElementById('next').disabled")

@@ -21,6 +21,7 @@ export function start(catalogue) {
     $(`frame-${side}`).oninput = () => choose(side, $(`sequence-${side}`).value, $(`frame-${side}`).value);
   }
   $("measure").onclick = measure;
+  $("free").open = $("previous").disabled = $("next").disabled = !data.pairs.length;
   onChange(changed => {
     if (["tier", "split", "sequence", "sort"].some(name => changed.has(name))) list();
     if (changed.has("a") || changed.has("b")) current();
@@ -95,7 +96,7 @@ function draw() {
     name.textContent = a === b ? `${source[0]}, ${frameA} → ${frameB}` : `${source[0]} → ${ending(source[0], target[0])}`;
     error.textContent = errors && errors[k] !== null ? `${errors[k].toFixed(1)} px` : "";
     const frames = a === b || source[4] + target[4] === 2 ? [] : [`frame ${frameA} → ${frameB}`];
-    about.textContent = [`${split} ${number}`, ...frames, shapes(source[3], target[3]), `${queries} queries`].filter(Boolean).join(" · ");
+    about.textContent = [`${split} ${number}`, ...frames, shapes(source[3], target[3]), `${queries} ${queries === 1 ? "query" : "queries"}`].filter(Boolean).join(" · ");
     button.append(name, error, about);
     button.onclick = () => open(k);
     const item = document.createElement("li");

@@ -23,7 +23,6 @@ async function main() {
   set(given());
   browse.start(data); pictures.start(data); readout.start(data);
   wire();
-  tab();
   await fill();
   document.body.dataset.ready = "yes";
 }
@@ -73,8 +72,10 @@ async function tab() {
   }
   if (state.tab !== "scene") { scene?.pause(); return; }
   if (!scene) {
-    scene = await import("./scene.js"); // three.js is read when it is needed
-    scene.start(data, readout.positions);
+    const found = await import("./scene.js"); // three.js is read when it is needed
+    try { found.start(data, readout.positions); }
+    catch (error) { $("scene-note").textContent = `This browser cannot show 3D: ${error.message}`; return; }
+    scene = found;
   }
   scene.wake();
 }
@@ -111,6 +112,7 @@ function wire() {
     $("tab-scene").title = pictures.missing.scene ?? "";
     $("tab-scene").disabled = Boolean(pictures.missing.scene);
     if (pictures.missing.scene) set({ tab: "compare" });
+    else if (!scene) tab(); // as the address says
   });
   window.addEventListener("hashchange", () => set(given()));
   document.addEventListener("keydown", keydown);

@@ -20,7 +20,7 @@ const part = (side, what) => document.querySelector(`#picture-${side} ${what}`);
 
 export function start(catalogue) {
   data = catalogue;
-  for (const side of sides) part(side, ".frame").style.aspectRatio = `${data.size[0]} / ${data.size[1]}`;
+  $("pictures").style.setProperty("--aspect", data.size[0] / data.size[1]);
   for (const [layer, text] of LAYERS) {
     if (data.layers && !data.layers.includes(layer)) continue;
     const button = document.createElement("button");
