@@ -38,13 +38,15 @@ from pliant.spec.errors import GenerationError
 
 Linear = Float32Array
 
-PHOTO_SAMPLES: Final = 1
-"""One sample and OpenImageDenoise: nearer to 192 samples than four samples without, and cheaper."""
+_PHOTO_SAMPLES: Final = 1
+# With OpenImageDenoise nearer to 192 samples than four samples without, and cheaper.
 
-_FAST_SAMPLES: Final = 2 * 640 * 480
-_FAST_MOST: Final = 16
-# Samples of a frame in `fast`; at least 2 a pixel, more in small frames, whose objects are as thin
-# as what the denoiser takes for noise.
+_FAST_SAMPLES: Final = 2
+
+_FULL_PX: Final = 640 * 480
+_MOST_SAMPLES: Final = 16
+# Smaller frames have as many samples in all, up to 16 a pixel: their objects are as thin as what
+# the denoiser takes for noise.
 
 _EDGE_WEIGHTS: Final = np.array([0.1016, 0.3984, 0.3984, 0.1016], np.float32)
 # Weights of the samples along a side of a pixel, from which `fast` knows how much of it the object
@@ -128,6 +130,11 @@ class CyclesRenderer:
     def _picture(self, truth: FrameTruth) -> Rgb:
         raise NotImplementedError
 
+    def _sample(self, least: int) -> None:
+        """Set the samples of a pixel, from their number at 640x480."""
+        as_many = least * _FULL_PX // (self._size[0] * self._size[1])
+        self._scene.cycles.samples = max(least, min(as_many, _MOST_SAMPLES))
+
     def _denoise(self, guides: str) -> None:
         cycles = self._scene.cycles
         cycles.use_denoising = True
@@ -170,7 +177,7 @@ class PhotoRenderer(CyclesRenderer):
         self._add_table(reflectance.reshape(_TEXTURE_PX, _TEXTURE_PX, 3), _TEXTURE_M)
 
     def _set_up(self) -> None:
-        self._scene.cycles.samples = PHOTO_SAMPLES
+        self._sample(_PHOTO_SAMPLES)
         self._denoise("RGB_ALBEDO_NORMAL")
 
     def _picture(self, truth: FrameTruth) -> Rgb:
@@ -188,8 +195,7 @@ class FastRenderer(CyclesRenderer):
         self._add_table(mean, _FLOOR_M).visible_camera = False
 
     def _set_up(self) -> None:
-        samples = _FAST_SAMPLES // (self._size[0] * self._size[1])
-        self._scene.cycles.samples = max(2, min(samples, _FAST_MOST))
+        self._sample(_FAST_SAMPLES)
         self._denoise("RGB")  # of an object over nothing, albedo and normals make the rest worse
         self._scene.render.film_transparent = True
 

@@ -192,6 +192,17 @@ def test_fast_has_no_grain(either: SceneObject) -> None:
 
 
 @pytest.mark.blender
+def test_a_small_photo_has_no_grain_and_no_steps(either: SceneObject) -> None:
+    """Against 192 samples a pixel, along the outline."""
+    appearance = plain_appearance(either)
+    photo = picture("photo", either, appearance)
+    many = picture("photo", either, appearance, samples=192)
+    on = frame_truth(either, either.pose(0), VIEW).surface.object_id > 0
+    outline = ndimage.binary_dilation(on) & ~ndimage.binary_erosion(on)
+    assert psnr(photo[outline], many[outline]) > 31
+
+
+@pytest.mark.blender
 def test_the_edges_of_fast_are_the_share_of_a_pixel_that_is_covered() -> None:
     """A plate whose left edge goes through the pixels of one column, at quarters of their width."""
     from pliant.generator.rendering.cycles_styles import FastRenderer
