@@ -19,7 +19,7 @@ from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.recolouring import recolour
 from pliant.loaders.views import TrainingFrame
-from pliant.spec.calls import check_whole
+from pliant.spec.calls import check_type, check_whole
 from pliant.spec.errors import CallError
 
 _COLOUR = NetworkInput()
@@ -72,8 +72,9 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         check_store(store)
         check_whole("length", length, 2)
         check_whole("step", step, 1)
-        check_whole("step_max", step if step_max is None else step_max, 1)
+        check_whole("step_max", step if step_max is None else step_max, step)
         check_whole("queries", queries, 1)
+        check_type("input", input, NetworkInput)
         check_whole("seed", seed)
         check_augmentation(augmentation)
         others = [name for name in _OF_PAIRS if augmentation and getattr(augmentation, name)]
@@ -88,7 +89,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         self.length, self.queries = length, queries
         self.input = input
         self.seed, self.augmentation = seed, augmentation
-        steps = range(step, max(step, step_max or step) + 1)
+        steps = range(step, (step_max or step) + 1)
         starts = {each: self._starts((length - 1) * each) for each in steps}
         self.starts = {each: numbers for each, numbers in starts.items() if numbers}
         if not self.starts:

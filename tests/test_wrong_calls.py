@@ -91,6 +91,14 @@ CALLS: dict[str, tuple[Call, str]] = {
     ),
     "ClipDataset(ds)": (lambda ds, store: ClipDataset(ds), STORE),
     "ClipDataset length": (lambda ds, store: ClipDataset(store, length=1), "length: .*>= 2"),
+    "ClipDataset step_max": (
+        lambda ds, store: ClipDataset(store, length=2, step=3, step_max=2),
+        "step_max: .*found 2; required: >= 3",
+    ),
+    "ClipDataset input": (
+        lambda ds, store: ClipDataset(store, length=2, input="rgb"),
+        "input: .*'rgb'.*required: NetworkInput",
+    ),
     "ClipDataset augmentation": (
         lambda ds, store: ClipDataset(store, augmentation=AugmentSettings(symmetric=1, recolour=1)),
         "augmentation: clips do not have .*; found recolour, symmetric; required: rotate_deg",
