@@ -19,6 +19,7 @@ from pliant.spec.sequence import SequenceRecord
 _SURFACE: Final = "the material coordinate of every pixel"
 _QUERIES: Final = "queries and their answers"
 _CAMERA: Final = "cameras and depth"
+_CONFIGURATIONS: Final = "independent configurations (their frames become consecutive)"
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,13 @@ TARGETS: Final = {
             "lerobot",
             "LeRobot dataset v3.0",
             'LeRobotDataset(repo_id, root="{out}")',
-            (_SURFACE, _QUERIES, "cameras", "splits (all episodes are in one)"),
+            (
+                _SURFACE,
+                _QUERIES,
+                _CONFIGURATIONS,
+                "cameras",
+                "splits (all episodes are in one)",
+            ),
         ),
         Target(
             "coco",
@@ -66,7 +73,7 @@ TARGETS: Final = {
             "tapvid",
             "TAP-Vid npz files",
             "numpy, TAP-Vid's evaluation, `pliant import {shell}`",
-            (_SURFACE, _QUERIES, _CAMERA, "positions in metres", "splits"),
+            (_SURFACE, _QUERIES, _CONFIGURATIONS, _CAMERA, "positions in metres", "splits"),
         ),
         Target(
             "webdataset",
@@ -78,7 +85,7 @@ TARGETS: Final = {
             "glb",
             "animated glTF meshes",
             "Blender, three.js, trimesh",
-            (_SURFACE, _QUERIES, "pictures", _CAMERA, "visibility", "splits"),
+            (_SURFACE, _QUERIES, _CONFIGURATIONS, "pictures", _CAMERA, "visibility", "splits"),
         ),
     )
 }

@@ -193,6 +193,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert run(call) == 0
     shown = capsys.readouterr()
     assert "cannot hold" in shown.err
+    assert "independent configurations (their frames become consecutive)" in shown.err
     assert f"Wrote 2 sequences to {out}. Open with: numpy, " in shown.out
     assert f"`pliant import '{out}'`" in shown.out
     assert run(call) == 2  # the folder has files
