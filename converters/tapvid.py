@@ -34,8 +34,8 @@ RecordOf = Callable[[Path], Record]
 def read_tapvid(files: Sequence[Path]) -> list[Clip]:
     """Read files of point tracks, each in a child process with limits.
 
-    Positions are taken for shares of the frame if no visible one is above 1, else for pixels from
-    its corner.
+    Positions are taken for shares of the frame if no visible one is above 2, else for pixels from
+    its corner: interpolated tracks exceed 1 slightly, and a clip in pixels is not within 2 pixels.
 
     Args:
         files: npz files, a clip each.
@@ -130,7 +130,7 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
     visible = hidden == 0
     if not np.isfinite(points[visible]).all():
         raise SpecError("a visible point has no position", path=path, where="points")
-    shares = (np.abs(points[visible]) <= 1).all()
+    shares = (np.abs(points[visible]) <= 2).all()
     uv_px = points * np.array([width, height]) if shares else points
     return Clip(
         name=path.stem,

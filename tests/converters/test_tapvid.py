@@ -84,6 +84,15 @@ def test_tracks_come_out_where_they_are(form: str, tmp_path: Path) -> None:
     assert dataset.info["provenance"]["config"]["sources"] == {sequence.id: "tracks"}
 
 
+def test_a_visible_position_slightly_outside_leaves_shares_shares(tmp_path: Path) -> None:
+    points = tracks()["points"]
+    points[1, 2] = [1.001, 0.5]  # interpolated past the border: still shown as visible
+    imported(saved(tmp_path / "clips", points=points), tmp_path / "out")
+    rows = asked_and_true(tmp_path / "out")
+    approximately([row[:7] for row in rows[:2]], [row[:7] for row in EXPECTED[:2]])
+    assert rows[2][4:7] == (pytest.approx(40.04), 15.0, "out_of_frame")
+
+
 def test_the_code_of_the_page_converts_a_pickle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
