@@ -43,10 +43,10 @@ class TableView:
         light = appearance.light
         self._sun = np.asarray(light.sun_irradiance) * light.sun_direction[2] / math.pi
         self._sky = np.asarray(light.sky_radiance)
-        reflectance = np.zeros((height * width, 3))
+        below = _below_horizon(camera, columns, rows)[:, None]
+        reflectance = np.where(below > 0, appearance.table.colour, 0.0)
         reflectance[seen] = table_reflectance(appearance.table, xy[seen])
-        linear = reflectance * (self._sun + self._sky)
-        linear[~seen] = self._sky  # above the horizon
+        linear = below * (reflectance * (self._sun + self._sky)) + (1.0 - below) * self._sky
         self._reflectance = reflectance.reshape(height, width, 3).astype(np.float32)
         self.reflected = self._reflectance.mean(axis=(0, 1)) * (self._sun + self._sky)
         self._xy = xy.reshape(height, width, 2)
@@ -97,6 +97,16 @@ def _on_table(
     seen = rays[:, 2] < -1e-6
     reach = np.where(seen, -eye[2] / np.where(seen, rays[:, 2], 1.0), 1e6)
     return eye[:2] + reach[:, None] * rays[:, :2], seen
+
+
+def _below_horizon(camera: Camera, columns_px: FloatArray, rows_px: FloatArray) -> FloatArray:
+    """Return the share of the pixels of a lattice that is below the horizon, float64 (N,)."""
+    K, up = camera.K, camera.world_to_camera[:3, 2]  # a ray (x, y, 1) rises by its product with up
+    across, down = up[0] / K[0, 0], up[1] / K[1, 1]
+    u, v = np.meshgrid(columns_px - K[0, 2], rows_px - K[1, 2])
+    rise_px = (across * u + down * v + up[2]) / max(abs(across) + abs(down), 1e-12)
+    share: FloatArray = np.clip(0.5 - rise_px, 0.0, 1.0).ravel()
+    return share
 
 
 def _tile_boxes(xy: FloatArray) -> FloatArray:

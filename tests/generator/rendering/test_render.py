@@ -133,6 +133,24 @@ def test_the_open_table_is_bright_by_the_formula(sheet: SceneObject) -> None:
     assert 0.05 < changed.mean() < 0.9
 
 
+def test_the_horizon_has_no_steps(sheet: SceneObject) -> None:
+    """A pixel on the horizon is the mean of its parts, seen with 8 times the pixels."""
+    up = (0.3, 0.0, 1.0)
+    table = TableAppearance("plain", (0.5, 0.25, 0.1), 0.0, 0.1, 0.0, 0)
+    appearance = sample_appearance(np.random.default_rng(0), sheet, AppearanceSettings())
+    appearance = Appearance(**{**appearance.__dict__, "light": HIGH_SUN, "table": table})
+    coarse, fine = (
+        TableView(
+            looking_at((0.1, -0.6, 0.1), (0, 0, 0.02), (40 * k, 30 * k), fov_deg=80.0, up=up),
+            appearance,
+        ).linear
+        for k in (1, 8)
+    )
+    mean = fine.reshape(30, 8, 40, 8, 3).mean(axis=(1, 3))
+    contrast = np.ptp(mean, axis=(0, 1)).max()
+    assert np.abs(coarse - mean).max() < 0.1 * contrast
+
+
 def test_raster_shows_the_object_where_the_truth_says(either: SceneObject) -> None:
     appearance = plain_appearance(either)
     rgb = picture("raster", either, appearance)
