@@ -11,6 +11,7 @@ import numpy as np
 from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
+from pliant.evaluator.metrics.matches import Matches
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.ratios import Figure
@@ -75,7 +76,7 @@ class Cell:
         value: The value, formatted.
         key: The exact value, to sort by; empty where there is none.
         interval: Its confidence interval, or empty.
-        coverage: Share of the pairs that a figure of keypoint matches covers, or empty.
+        coverage: Share of the pairs that an error of keypoint matches covers, or empty.
     """
 
     value: str
@@ -126,7 +127,10 @@ def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
 
 def _match_coverage(document: Mapping[str, Any], values: Mapping[str, Any], metric: str) -> str:
     share = values.get("match_coverage")
-    if document["submission"]["kind"] != "matches" or metric == "match_coverage" or share is None:
+    if document["submission"]["kind"] != "matches" or share is None:
+        return ""
+    settings = read_protocol(document["protocol"]).settings["matches"]
+    if metric in {each.name for each in Matches.figures(settings)}:  # of all pairs, or all matches
         return ""
     return f"of {share * 100:.1f} % of the pairs"
 
