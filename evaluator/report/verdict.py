@@ -93,7 +93,8 @@ def board_verdict(
             f"No method beats {bar}; the nearest is {best} with {_with_unit(shown, methods[best])}."
         )
     if len(better) == len(methods) > 1:
-        start = f"All {len(methods)} methods beat {bar}"
+        every = "Both methods" if len(methods) == 2 else f"All {len(methods)} methods"
+        start = f"{every} beat {bar}"
         return f"{start}; the best is {best} with {_with_unit(shown, methods[best])}."
     named = joined([f"{name} ({_with_unit(shown, methods[name])})" for name in better])
     beat = "beats" if len(better) == 1 else "beat"

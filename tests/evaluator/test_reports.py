@@ -17,6 +17,7 @@ from pliant.cli.main import run
 from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.leaderboard import render_leaderboard
+from pliant.evaluator.report.verdict import board_verdict
 from pliant.spec.errors import CallError, SubmissionError
 from tests.evaluator.figures import figure
 
@@ -220,3 +221,9 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     assert lines[3] == "PCK 8 px, overall, best first: middle 1.000, near 1.000, far 0.000"
     assert lines[6].startswith("No verdict on 18 differences: 4 sequences, and at least 6 are ")
     assert len(lines) == 7
+
+
+def test_the_verdict_of_two_methods() -> None:
+    said = board_verdict({"sift": 5.0, "orb": 6.0, "centroid": 9.0}, "rmse_px", "standard")
+    assert said.startswith("Both methods beat answering with the middle of the object (RMSE 9.0")
+    assert said.endswith("the best is sift with 5.00 px.")
