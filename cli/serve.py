@@ -34,7 +34,7 @@ from pliant.spec.errors import CallError
     "--trusted-proxy",
     default="",
     metavar="IP,...",
-    help="Reverse proxies whose X-Forwarded headers count (challenge).",
+    help="Addresses or networks of reverse proxies whose X-Forwarded headers count (challenge).",
 )
 def command(
     place: Path,
