@@ -34,11 +34,13 @@
       const failed = text => { problem.textContent = text; problem.hidden = false; bar.hidden = true; button.disabled = false; };
       button.disabled = true; bar.hidden = false; problem.hidden = true;
       request.upload.onprogress = ({ loaded, total }) => { bar.value = total ? loaded / total : 0; };
-      request.onerror = () => failed("The connection was lost. Send the file again: it is never charged twice.");
+      const again = "Send the file again: it is never charged twice.";
+      request.onerror = () => failed(`The connection was lost. ${again}`);
       request.onload = () => {
         if (request.status < 400) { location.href = request.responseURL; return; }
         const page = new DOMParser().parseFromString(request.responseText, "text/html");
-        failed(page.querySelector("[role=alert]")?.textContent ?? `Status ${request.status}`);
+        const own = page.querySelector("[role=alert]")?.textContent; // else the answer of a proxy
+        failed(own ?? (request.status === 413 ? "The file is too large for the service's proxy." : `The service does not answer (status ${request.status}). ${again}`));
       };
       request.open("POST", form.action);
       request.send(new FormData(form));

@@ -81,7 +81,7 @@ _ERRORS: Final[dict[int | str, dict[str, Any]]] = {
         (413, "The file is too large."),
         (422, "A parameter is not possible."),
         (429, "No attempt is left, or too many requests."),
-        (503, "The database cannot be reached; try again."),
+        (503, "The database cannot be reached, or the service stops; try again."),
         (507, "The disk is full."),
     )
 }

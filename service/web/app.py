@@ -66,6 +66,7 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # to the host name that a reverse proxy passes on
     )
     app.state.site = site
     app.include_router(api.router)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 from typing import Annotated, Final
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Form, Request
+from fastapi.responses import JSONResponse
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -17,6 +19,10 @@ from pliant.service.web.state import Site
 
 COOKIE: Final = "pliant_session"
 SMALL_BODY: Final = 64 * 1024
+_STOPPING: Final = {
+    "code": "SERVICE_STOPPING",
+    "message": "the service is stopping. Send the file again: it is never charged twice.",
+}
 _BEARER: Final = HTTPBearer(auto_error=False, description="The team's token.")
 
 
@@ -145,7 +151,7 @@ class Protection:
         most = SMALL_BODY
         if scope["path"] in self._uploads:
             most += self._site.challenge.settings.max_file_bytes
-        received = 0
+        received, started = 0, False
 
         async def limited() -> Message:
             nonlocal received
@@ -156,13 +162,20 @@ class Protection:
             return message
 
         async def protected(message: Message) -> None:
+            nonlocal started
             if message["type"] == "http.response.start":
+                started = True
                 headers = MutableHeaders(scope=message)
                 for name, value in self._site.headers.items():
                     headers.setdefault(name, value)
             await send(message)
 
-        await self._app(scope, limited, protected)
+        try:
+            await self._app(scope, limited, protected)
+        except asyncio.CancelledError:  # the server stops and waits no longer for this request
+            if started:
+                raise
+            await JSONResponse(_STOPPING, 503, {"Retry-After": "5"})(scope, receive, protected)
 
 
 def too_large(max_file_mb: float) -> NotAcceptedError:

@@ -200,6 +200,7 @@ def test_a_proxy_that_passes_its_own_host_name_on(plain: Trial) -> None:
             headers = {"Origin": f"https://{origin}"}
             signed_in = client.post("/login", data={"token": plain.host}, headers=headers)
             assert signed_in.status_code == status
+        assert client.get("/rules/").status_code == 404  # and leads to no name of this machine
 
 
 def test_an_error_page_does_not_ask_a_team_to_sign_in_again(
@@ -280,13 +281,17 @@ def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: Test
     assert "`curl -T`" in sent.json()["message"]
 
 
-def test_a_client_that_goes_away(plain: Trial) -> None:
+@pytest.mark.parametrize(("stopped", "status"), [(False, 400), (True, 503)])
+def test_a_client_or_a_service_that_goes_away(plain: Trial, stopped: bool, status: int) -> None:
     """The transfer ends early: no fault of the service, so no traceback in its log."""
     sent: list[dict[str, Any]] = []
-    given = iter([{"type": "http.request", "body": b"half", "more_body": True}])
+    half = {"type": "http.request", "body": b"half", "more_body": True}
+    left: list[dict[str, Any]] = [half, {"type": "http.disconnect"}]
 
     async def receive() -> dict[str, Any]:
-        return next(given, {"type": "http.disconnect"})
+        if stopped and len(left) == 1:
+            raise asyncio.CancelledError  # as uvicorn does when it stops
+        return left.pop(0)
 
     async def send(message: dict[str, Any]) -> None:
         sent.append(message)
@@ -296,7 +301,7 @@ def test_a_client_that_goes_away(plain: Trial) -> None:
         "headers": [(b"authorization", f"Bearer {plain.tokens[0]}".encode())],
     }  # fmt: skip
     asyncio.run(make_app(plain.challenge)(scope, receive, send))  # type: ignore[arg-type]
-    assert sent[0]["status"] == 400
+    assert sent[0]["status"] == status
     assert not list(plain.challenge.incoming.iterdir())
 
 
