@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,22 @@ def test_a_page_fits_reports_no_error_and_asks_for_nothing(
     assert paper == ("rgb(22, 25, 28)" if dark else "rgb(255, 255, 255)")
     assert browser.errors() == []
     assert {url.split(":")[0] for url in browser.requests()} <= {"file", "data"}
+
+
+@pytest.mark.parametrize("width", [400, 1200])
+def test_a_long_name_of_a_method_leaves_room_for_the_figures(
+    browser: Browser, pages: Path, width: int
+) -> None:
+    page = pages / "long.html"
+    long = "near, by a method with a name that " + 20 * "goes on and " + "ends"
+    page.write_text(re.sub(r"\bnear\b", long, (pages / "board.html").read_text()))
+    opened(browser, page, width)
+    browser.wait("document.querySelectorAll('[data-chart]:not([data-drawn])').length === 0")
+    left = "getBoundingClientRect().left"
+    assert browser.run(f"return document.querySelector('#board td').{left}") < 0.5 * width
+    cut = f"f.querySelector('.role-title text').{left} < f.{left} - 1"
+    charts = "[...document.querySelectorAll('[data-chart]')]"
+    assert not browser.run(f"return {charts}.some(f => {cut})")
 
 
 def test_a_chart_tells_its_values_and_has_the_ink_of_the_page(

@@ -23,6 +23,7 @@
   };
   for (const figure of document.querySelectorAll("[data-chart]")) {
     config.legend.columns = figure.clientWidth < 480 ? 1 : 2;
+    config.title.limit = figure.clientWidth - 20; // a longer one would narrow the chart
     const chart = { width: "container", height: 190, autosize: { type: "fit-x", contains: "padding" }, ...JSON.parse(figure.dataset.chart), config };
     const program = vega.parse(vegaLite.compile(chart).spec, null, { ast: true });
     const view = new vega.View(program, { expr: vega.expressionInterpreter, renderer: "svg", container: figure, hover: true });
