@@ -209,6 +209,8 @@ def test_pairs_are_filtered_and_sorted(page: Page) -> None:
     page.browser.wait(f"{rows}[1].getAttribute('aria-current') === 'true'")
     page.browser.keys("p")
     page.browser.wait(f"{rows}[0].getAttribute('aria-current') === 'true'")
+    page.browser.keys(Keys.ARROW_RIGHT)  # without a pointer
+    page.answered()
 
 
 def test_every_layer_can_be_seen(page: Page) -> None:

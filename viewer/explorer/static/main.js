@@ -37,12 +37,13 @@ function first() {
   return { a: `${name}/0`, b: `${name}/${Math.min(1, frames - 1)}` };
 }
 
-/** Where the address names no point: that of a query in the middle of the pair's list. */
-async function fill() {
+/** Where no point is named: that of a query in the middle of the pair's list, else `place` if given. */
+async function fill(place) {
   const { a, b } = state;
   if (state.u !== null) return;
   const queries = await get("queries", { a, b }).catch(() => []);
-  if (queries.length && state.u === null && state.a === a) pictures.move(...queries[queries.length >> 1]);
+  const found = queries[queries.length >> 1] ?? place;
+  if (found && state.u === null && state.a === a) pictures.move(...found);
 }
 
 /** What the address names, without what the dataset does not have. */
@@ -139,8 +140,9 @@ function keydown(event) {
   if (state.tab === "scene") {
     actions[" "] = () => scene?.toggle();
     if (moves[event.key] && !event.target.closest?.("button")) actions[event.key] = () => scene?.step(moves[event.key][0]);
-  } else if (moves[event.key] && state.u !== null) {
-    actions[event.key] = () => pictures.move(state.u + moves[event.key][0], state.v + moves[event.key][1]);
+  } else if (moves[event.key]) {
+    const move = () => pictures.move(state.u + moves[event.key][0], state.v + moves[event.key][1]);
+    actions[event.key] = () => state.u === null ? fill(data.size.map(side => side / 2)) : move();
   } else if (event.key === "Enter" && event.target.closest?.(".frame")) {
     actions.Enter = () => set({ pinned: !state.pinned });
   } else if (layers[Number(event.key) - 1] && !layers[Number(event.key) - 1].disabled) {
