@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from pliant.cli.challenge import database_option, require_service
 from pliant.cli.local_page import show_page
@@ -63,6 +64,18 @@ def command(
             path=place,
             required="a folder with challenge.yaml or index.html",
             fix="Make one with: pliant challenge create, or pliant leaderboard REPORTS --out SITE",
+        )
+    context = click.get_current_context()
+    unused = [
+        f"--{name.replace('_', '-')}"
+        for name in ("host", "workers", "base_url", "trusted_proxy")
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    ]
+    if unused:
+        raise CallError(
+            "a site is served to this machine alone",
+            where=", ".join(unused),
+            fix="Leave the option out; to publish the site, copy its folder to a web server.",
         )
     from pliant.viewer.local_app import site_server
 

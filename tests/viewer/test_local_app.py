@@ -163,5 +163,8 @@ def test_a_folder_that_is_no_site_is_refused(
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
+        call = ("serve", folder, "--port", str(taken.getsockname()[1]), "--no-browser")
+        said = refused(2, *call, "--host", "0.0.0.0", "--workers", "2")
+        assert "--host, --workers: a site is served to this machine alone" in said
         with pytest.raises(CallError, match="the port cannot be used"):
             LocalServer(lambda token: page_application(folder, [], token), taken.getsockname()[1])
