@@ -233,6 +233,9 @@ def test_marking_by_keyboard_undo_elsewhere_and_a_server_that_has_ended(
         assert (name, point) == ("one.jpg", "constructor")
         assert float(x) == pytest.approx(200 + 4 / browser.run("return zoom"), abs=0.01)
         assert float(y) == pytest.approx(150, abs=0.01)
+        browser.run("document.querySelectorAll('#points button')[1].focus()")
+        browser.keys(Keys.ENTER)
+        assert browser.run("return document.activeElement.dataset.point") == "end"  # still there
         browser.keys("n")
         browser.driver.refresh()
         browser.wait("document.body.dataset.ready && picture().name === 'three.webp'")

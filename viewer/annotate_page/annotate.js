@@ -99,17 +99,18 @@ function draw() {
 }
 
 function render() {
-  const {name} = picture(), marks = own();
+  const {name} = picture(), marks = own(), focused = document.activeElement.dataset.point;
   $("name").textContent = `${at + 1} of ${state.pictures.length}: ${name}`;
   $("points").replaceChildren(...state.points.map(point => {
     const row = document.createElement("li"), button = document.createElement("button"), mark = marks[point];
     button.type = "button"; button.dataset.point = point; button.setAttribute("aria-pressed", String(point === chosen));
     const dot = document.createElement("i"), text = document.createElement("span"), note = document.createElement("small");
     dot.style.background = colour(point); text.textContent = point;
-    note.textContent = !mark ? "" : suggested(mark) ? "suggested" : !mark[2] ? "hidden" : `${mark[0].toFixed(1)}, ${mark[1].toFixed(1)}`;
+    note.textContent = !mark ? "" : suggested(mark) ? "suggested" : !mark[2] ? "hidden" : `${mark[0].toFixed(1)}, ${mark[1].toFixed(1)} px`;
     button.append(dot, text, note); button.onclick = () => { chosen = point; render(); };
     row.append(button); return row;
   }));
+  if (focused !== undefined) $("points").querySelector(`[data-point="${CSS.escape(focused)}"]`)?.focus();
   $("previous").disabled = at === 0; $("next").disabled = at === state.pictures.length - 1;
   $("undo").disabled = !past.length; $("remove").disabled = !marks[chosen]; $("hide").disabled = chosen === null;
   $("confirm").disabled = !unconfirmed().length;
