@@ -375,6 +375,9 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
     rescore_challenge(trial.challenge, None, "paper", None, "more figures")
     for _ in range(2):  # an earlier site is replaced, and nothing else
         assert len(write_challenge_site(trial.challenge, tmp_path / "site")) == 2
+    for page, protocol in (("index", "standard"), ("version-2", "paper")):  # tabs of a browser
+        text = (tmp_path / "site" / f"{page}.html").read_text()
+        assert f"<title>Leaderboard: test, {protocol} " in text
     (tmp_path / "site" / "mine.txt").touch()
     for place in (tmp_path / "site", trial.challenge.root):
         before = sorted(os.listdir(place))
