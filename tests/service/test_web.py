@@ -37,8 +37,9 @@ class Page:
         return str(self.browser.run("return document.body.innerText"))
 
     def fill(self, name: str, value: str) -> None:
-        field = self.browser.driver.find_element(By.CSS_SELECTOR, f"main [name={name}]")
-        field.send_keys(value)
+        place = (By.CSS_SELECTOR, f"main [name={name}]")
+        waiting = WebDriverWait(self.browser.driver, 60)  # the driver may return before the page
+        waiting.until(lambda driver: driver.find_element(*place)).send_keys(value)
 
     def sign_in(self, token: str) -> None:
         self.browser.open(self.server.address + "/login")
