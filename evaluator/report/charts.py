@@ -16,8 +16,8 @@ Numbers = Sequence[float] | npt.NDArray[Any]
 Chart = dict[str, Any]
 """A Vega-Lite specification without sizes and colours, which the page adds."""
 
-_GREY: Final = "#9aa1a8"
-_CLEAR: Final = "#1f5f8b"
+_GREY: Final = "#7a8790"
+_CLEAR: Final = "#3a86b8"
 _ROW_PX: Final = 28
 
 

@@ -16,6 +16,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
+from pliant.evaluator.report.charts import interval_chart
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.evaluator.report.verdict import board_verdict
 from pliant.spec.errors import CallError, SubmissionError
@@ -227,3 +228,18 @@ def test_the_verdict_of_two_methods() -> None:
     said = board_verdict({"sift": 5.0, "orb": 6.0, "centroid": 9.0}, "rmse_px", "standard")
     assert said.startswith("Both methods beat answering with the middle of the object (RMSE 9.0")
     assert said.endswith("the best is sift with 5.00 px.")
+
+
+@pytest.mark.parametrize("paper", ["#ffffff", "#16191c"])
+def test_marks_of_a_chart_are_seen_on_light_and_dark_pages(paper: str) -> None:
+    chart = interval_chart({"a": (-1.0, 0.5, 2.0)}, title="t", x="x")
+    for colour in set(re.findall("#[0-9a-f]{6}", json.dumps(chart))):
+        dark, light = sorted((luminance(colour), luminance(paper)))
+        assert (light + 0.05) / (dark + 0.05) >= 3, colour
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of `#rrggbb` (WCAG 2)."""
+    rgb = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
