@@ -81,11 +81,13 @@ class MaskStage(Settings):
         sets: Names of the sets whose training splits it sees.
         steps: Steps.
         of: What it finds.
+        later: Steps of each cycle with pictures in other light and without colour.
     """
 
     sets: tuple[str, ...]
     steps: Count
     of: Literal["rope", "cloth"]
+    later: tuple[Count, ...] = ()
 
 
 class ModelRecipe(Settings):
@@ -139,7 +141,8 @@ def read_recipe(
         stage["settings"] = with_overrides(stage.get("settings") or {}, overrides)
     changed = with_overrides({}, overrides)
     if "steps" in changed and isinstance(masks := values.get("masks"), dict):
-        values["masks"] = {**masks, "steps": changed["steps"]}
+        later = [changed["steps"] for _ in masks.get("later", ())]
+        values["masks"] = {**masks, "steps": changed["steps"], "later": later}
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")
@@ -205,7 +208,7 @@ def make_model(
                 train_don(dataset, run, settings, resume=begun, progress=progress)
     last = list(recipe.stages)[-1]
     if recipe.masks is not None and not (out / "stages" / last / MASKS).is_file():
-        with watched("masks", recipe.masks.steps) as progress:
+        with watched("masks", recipe.masks.steps + sum(recipe.masks.later)) as progress:
             _train_masks(recipe.masks, out, out / "stages" / last, progress)
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
@@ -216,7 +219,12 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, progress: StepProgress 
     seed = read_settings(DonSettings, run / CONFIG).seed
     frames = [each.frames("train") for each in sets]
     network = fit_masks(
-        frames, steps=stage.steps, seed=seed, sampling=SAMPLINGS[stage.of], progress=progress
+        frames,
+        steps=stage.steps,
+        later=stage.later,
+        seed=seed,
+        sampling=SAMPLINGS[stage.of],
+        progress=progress,
     )
     save_weights(run / MASKS, network.state_dict())
 

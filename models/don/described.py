@@ -157,11 +157,16 @@ class ViewDescriber:
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""
         rgb = denoised(view.rgb)
-        out = self._out(self.given.image(*self._resized(view)))
         if self.masks is None:
+            out = self._out(self.given.image(*self._resized(view)))
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         else:
             rope, objects = self.masks.found(rgb)
+            shown = [
+                resize_mask(likely > 0.5, self.size, keep_thin=True)
+                for likely in (rope, np.maximum(rope, objects))
+            ]
+            out = self._out(self.given.image(*self._resized(view), *shown))
         first = self._first_share(out.descriptors[0].cpu()).numpy()
         found = rope_masks(rgb, Foreground(rope, objects, first))
         if found is not None and view.mask is not None:

@@ -4,7 +4,9 @@ Every sample is a part of a picture, turned, enlarged and mirrored at random. Ob
 background get new colours on their own, and sometimes strands get the background's; in a part of
 the samples the background is drawn (noise of several sizes, stripes), with a soft shadow. So the
 shape and the edges of an object have to tell it from the table, not the colours of a renderer.
-Other objects in a picture count as the table.
+Other objects in a picture count as the table. Later cycles, at a lower rate, show pictures in other
+light too: with bands of shadow, without colour, on tables with chequers and stripes. Trained on
+these from the start, a network loses as much where the light is even as it gains.
 """
 
 from __future__ import annotations
@@ -23,12 +25,15 @@ from pliant.spec.frame import Frame
 
 _SHAPE: Final = (256, 320)  # rows, columns of a sample, as the network sees it
 _BATCH: Final = 6
-_RATE: Final = 3e-3
+_RATE, _LATER_RATE = 3e-3, 1.2e-3
 _NEW_BACKGROUND: Final = 0.4
 _NEW_COLOURS: Final = 0.6
 _NEW_BALL: Final = 0.6
 _BLURRED: Final = 0.3
 _MOST_NOISE: Final = 0.1
+_LIT_UNEVENLY: Final = 0.35
+_PATTERNED: Final = 0.4  # of the backgrounds that are drawn
+_GREY, _PALE = 0.15, 0.3  # samples without colour, and those with no more than a part of it
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,7 @@ def fit_masks(
     sets: Sequence[Sequence[Frame]],
     *,
     steps: int,
+    later: Sequence[int] = (),
     seed: int,
     sampling: Sampling,
     progress: StepProgress | None = None,
@@ -68,6 +74,7 @@ def fit_masks(
         sets: Pictures with masks, those of training splits. A sample is of a set drawn at
             random, so that a few pictures of another renderer count as much as many of one.
         steps: Steps of 6 samples; 1,500 take 13 to 25 minutes on one core.
+        later: Steps of each cycle that follows, with pictures in other light and without colour.
         seed: Seed of all draws.
         sampling: How samples are drawn, `SAMPLINGS` of the kind of object.
         progress: Called after each step.
@@ -76,21 +83,25 @@ def fit_masks(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = MaskNetwork()
-        optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=steps)
-        for step in range(steps):
-            drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
-            chosen = [frames[rng.integers(len(frames))] for frames in drawn]
-            samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
-            truth = samples[:, 3:]
-            logits = network(_coloured(samples[:, :3], truth, sampling.camouflaged))
-            loss = _loss(logits, truth)
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            if progress is not None:
-                progress(step + 1, {"loss": loss.item()})
+        done = 0
+        for cycle, count in enumerate((steps, *later)):
+            rate = _LATER_RATE if cycle else _RATE
+            optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.02)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=count)
+            for _ in range(count):
+                drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
+                chosen = [frames[rng.integers(len(frames))] for frames in drawn]
+                samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
+                truth = samples[:, 3:]
+                pictures = _coloured(samples[:, :3], truth, sampling.camouflaged, relit=cycle > 0)
+                loss = _loss(network(pictures), truth)
+                optimiser.zero_grad()
+                loss.backward()
+                optimiser.step()
+                schedule.step()
+                done += 1
+                if progress is not None:
+                    progress(done, {"loss": loss.item()})
     return network.eval()
 
 
@@ -131,18 +142,23 @@ def _sample(frame: Frame, rng: np.random.Generator, sampling: Sampling) -> torch
     return functional.grid_sample(image, grid, padding_mode=beyond, align_corners=False)[0]
 
 
-def _coloured(rgb: torch.Tensor, truth: torch.Tensor, camouflaged: float) -> torch.Tensor:
+def _coloured(
+    rgb: torch.Tensor, truth: torch.Tensor, camouflaged: float, *, relit: bool
+) -> torch.Tensor:
     """Return pictures (N, 3, h, w) in other colours, with some other backgrounds.
 
     Args:
         rgb: float (N, 3, h, w), 0 to 1.
         truth: float (N, 2, h, w), masks without and with the ball.
         camouflaged: Probability that some strands have the table's colour.
+        relit: Show some with shadows, without colour, and on tables with chequers or stripes.
     """
     count = len(rgb)
     each = (count, 1, 1, 1)
     own, objects = truth[:, :1], truth[:, 1:]
-    table = torch.where(torch.rand(each) < _NEW_BACKGROUND, _backgrounds(rgb, objects), rgb)
+    table = torch.where(
+        torch.rand(each) < _NEW_BACKGROUND, _backgrounds(rgb, objects, patterned=relit), rgb
+    )
     new = torch.rand(each) < _NEW_COLOURS
     front = torch.where(new, _mixed(rgb), rgb)
     table = torch.where(new, _mixed(table), table)
@@ -151,11 +167,39 @@ def _coloured(rgb: torch.Tensor, truth: torch.Tensor, camouflaged: float) -> tor
     ball = torch.where(torch.rand(each) < _NEW_BALL, _mixed(rgb), front)
     picture = own * front + (objects - own) * ball + (1 - objects) * table
     picture = picture * torch.exp(0.25 * torch.randn(count, 3, 1, 1) * torch.rand(each))
+    if relit:
+        picture = _faded(picture * _light(picture))
     picture = picture.clamp(0.0, 1.0) ** torch.exp(0.3 * torch.randn(each))
     blurred = functional.avg_pool2d(picture, 3, 1, 1)
     picture = torch.where(torch.rand(each) < _BLURRED, blurred, picture)
     noise = torch.randn_like(picture) * _MOST_NOISE * torch.rand(each).square()
     return (picture + noise).clamp(0.0, 1.0)
+
+
+def _light(rgb: torch.Tensor) -> torch.Tensor:
+    """Return the light of pictures (N, 1, h, w), 0 to 1: in some a band of shadow crosses all.
+
+    Its edges are between half a pixel and 60 px wide; a wide band darkens one side of a picture.
+    """
+    count, _, height, width = rgb.shape
+    each = (count, 1, 1)
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    way = 2 * torch.pi * torch.rand(each)
+    inside = (x - width / 2) * way.cos() + (y - height / 2) * way.sin()
+    inside = inside - 0.3 * width * torch.randn(each)
+    soft = 0.5 * 120 ** torch.rand(each)
+    band = (inside / soft).sigmoid() * ((20 * 20 ** torch.rand(each) - inside) / soft).sigmoid()
+    dark = 0.8 * torch.rand(each) * (torch.rand(each) < _LIT_UNEVENLY)
+    return (1 - dark * band)[:, None]
+
+
+def _faded(rgb: torch.Tensor) -> torch.Tensor:
+    """Return pictures of which some have lost their colour, or a part of it."""
+    each = (len(rgb), 1, 1, 1)
+    drawn, share = torch.rand(each), torch.rand(each)
+    share = torch.where(drawn < _GREY, 0.0, torch.where(drawn < _PALE, share, 1.0))
+    grey = rgb.mean(dim=1, keepdim=True)
+    return grey + share * (rgb - grey)
 
 
 def _mixed(rgb: torch.Tensor) -> torch.Tensor:
@@ -188,7 +232,25 @@ def _with_strands_of(
     return torch.where(strands > 0, mean(table, around) * shade, front)
 
 
-def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:
+def _pattern(
+    x: torch.Tensor, y: torch.Tensor, way: torch.Tensor, period: torch.Tensor
+) -> torch.Tensor:
+    """Return stripes or chequers with edges, (N, h, w), -1 to 1; in some samples 0.
+
+    Args:
+        x: float (h, w), column of each pixel.
+        y: float (h, w), row.
+        way: float (N, 1, 1), direction in which the pattern changes, rad.
+        period: float (N, 1, 1), px.
+    """
+    along = torch.sin((x * way.cos() + y * way.sin()) * 2 * torch.pi / period)
+    across = torch.sin((y * way.cos() - x * way.sin()) * 2 * torch.pi / period)
+    drawn = torch.rand_like(way)
+    chequered = torch.where(drawn < _PATTERNED / 2, along * across, along)
+    return torch.where(drawn < _PATTERNED, (20 * chequered).tanh(), 0.0)
+
+
+def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor, *, patterned: bool) -> torch.Tensor:
     """Return backgrounds of noise and stripes, with a shadow next to the objects."""
     count, _, height, width = rgb.shape
     drawn = torch.rand(count, 3, 1, 1).expand(count, 3, height, width)
@@ -202,6 +264,8 @@ def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:
     way, period = torch.rand(count, 1, 1) * torch.pi, 6 + 60 * torch.rand(count, 1, 1)
     wave = torch.sin((x * way.cos() + y * way.sin()) * 2 * torch.pi / period)[:, None]
     drawn = drawn + 0.25 * torch.rand(count, 1, 1, 1).square() * wave
+    if patterned:
+        drawn = drawn + _pattern(x, y, way, period)[:, None] * 0.3 * torch.randn(count, 3, 1, 1)
     shift = tuple(int(k) for k in torch.randint(-9, 10, (2,)))
     shadow = functional.avg_pool2d(objects.roll(shift, (2, 3)), 9, 1, 4)
     return (drawn * (1 - 0.6 * torch.rand(count, 1, 1, 1) * shadow)).clamp(0.0, 1.0)

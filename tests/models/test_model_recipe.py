@@ -60,7 +60,7 @@ def test_recipe_makes_a_model_that_answers_and_goes_on(
     assert code == 0
     assert "sequences to make" in shown
     made = tmp_path / "models" / name
-    assert load_matcher(made).name == "don"
+    assert load_matcher(made).name == name
     assert (made / "data.yaml").is_file()
     stages = read_recipe(RECIPES / f"{name}.yaml").stages
     last = tmp_path / "stages" / list(stages)[-1]

@@ -10,6 +10,9 @@ from scipy import ndimage
 from pliant.models.don.mask_training import (
     SAMPLINGS,
     _coloured,
+    _faded,
+    _light,
+    _pattern,
     _sample,
     _with_strands_of,
     fit_masks,
@@ -81,13 +84,14 @@ def test_other_colours_leave_objects_where_they_are() -> None:
     objects[..., 20:40, 30:60] = 1
     picture = torch.where(objects > 0, torch.tensor([0.8, 0.3, 0.2]).view(1, 3, 1, 1), 0.4)
     edges = []
-    for _ in range(20):
-        drawn = _coloured(picture.clone(), objects.expand(1, 2, 64, 80), 0.0)
+    for relit in [False] * 20 + [True] * 60:
+        drawn = _coloured(picture.clone(), objects.expand(1, 2, 64, 80), 0.0, relit=relit)
         assert drawn.shape == picture.shape
         assert 0 <= float(drawn.min()) <= float(drawn.max()) <= 1
         across = (drawn[0, :, 30, 1:] - drawn[0, :, 30, :-1]).abs().sum(dim=0)
-        edges.append(float(across[[29, 59]].mean() / across.mean()))
-    assert np.median(edges) > 5
+        edges.append(float(across[[29, 59]].mean() / across.median()))  # patterns have edges too
+    assert np.median(edges[:20]) > 5
+    assert np.median(edges[20:]) > 5
 
 
 def test_some_strands_get_the_tables_colour() -> None:
@@ -108,6 +112,35 @@ def test_some_strands_get_the_tables_colour() -> None:
     assert seen == {True, False}
 
 
+def test_light_colour_and_tables_are_altered_in_some_samples() -> None:
+    torch.manual_seed(0)
+    rgb = torch.rand(200, 3, 48, 64)
+    light = _light(rgb)
+    assert light.shape == (200, 1, 48, 64)
+    assert float(light.min()) > 0
+    assert float(light.max()) <= 1
+    darkest, lightest = light.amin(dim=(1, 2, 3)), light.amax(dim=(1, 2, 3))
+    assert 0.5 < (darkest > 0.999).float().mean() < 0.75  # without any shadow
+    assert ((darkest < 0.7) & (lightest > 0.95)).float().mean() > 0.1  # its edge is in the picture
+    steps = (light[..., 1:] - light[..., :-1]).abs().amax(dim=(1, 2, 3))
+    assert (steps > 0.2).any()
+    assert ((steps > 0) & (steps < 0.02)).any()
+
+    faded = _faded(rgb)
+    colour = (faded - faded.mean(dim=1, keepdim=True)).abs().amax(dim=(1, 2, 3))
+    assert 0.08 < (colour < 1e-6).float().mean() < 0.22
+    assert 0.6 < ((faded - rgb).abs().amax(dim=(1, 2, 3)) < 1e-6).float().mean() < 0.8
+    torch.testing.assert_close(faded.mean(dim=1), rgb.mean(dim=1))
+
+    y, x = torch.meshgrid(torch.arange(48), torch.arange(64), indexing="ij")
+    pattern = _pattern(x, y, torch.zeros(200, 1, 1), torch.full((200, 1, 1), 16.0))
+    drawn = pattern.abs().amax(dim=(1, 2)) > 0
+    assert 0.3 < drawn.float().mean() < 0.5
+    assert (pattern[drawn].abs() > 0.9).float().mean() > 0.8  # two values with edges between them
+    striped = (pattern[drawn] - pattern[drawn][:, :1]).abs().amax(dim=(1, 2)) < 1e-5
+    assert 0.3 < striped.float().mean() < 0.7
+
+
 @pytest.mark.long
 def test_a_short_training_finds_a_rope() -> None:
     frame = painted()
@@ -115,14 +148,16 @@ def test_a_short_training_finds_a_rope() -> None:
     network = fit_masks(
         [[frame]],
         steps=80,
+        later=(8, 8),
         seed=0,
         sampling=SAMPLINGS["rope"],
         progress=lambda step, figures: losses.append(figures["loss"]),
     )
-    assert len(losses) == 80
-    assert np.mean(losses[-10:]) < 0.5 * np.mean(losses[:10])
+    assert len(losses) == 96
+    assert np.mean(losses[70:80]) < 0.5 * np.mean(losses[:10])
     once, again = (
-        fit_masks([[frame]], steps=2, seed=0, sampling=SAMPLINGS["rope"]) for _ in range(2)
+        fit_masks([[frame]], steps=2, later=(2,), seed=0, sampling=SAMPLINGS["rope"])
+        for _ in range(2)
     )
     torch.testing.assert_close(again.state_dict(), once.state_dict(), rtol=0, atol=0)
     assert overlap(network.found(frame.rgb)[0] > 0.5, ROPE) > 0.8
