@@ -62,7 +62,9 @@ def turned(pair: Pair, quarters: int) -> Pair:
     return Pair(source, pair.target, (away + middle).astype(np.float32))
 
 
-@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize(
+    "quarters", [1, *(pytest.param(more, marks=pytest.mark.long) for more in (2, 3))]
+)
 def test_the_print_says_how_a_cloth_is_turned(
     matcher: DonMatcher, printed: list[Pair], quarters: int
 ) -> None:

@@ -27,6 +27,7 @@ def rmse_px(dataset: Dataset, file: Path, *, rectify: bool) -> float:
     return figure(evaluate(file, dataset), "rmse_px")
 
 
+@pytest.mark.long  # half a minute
 def test_towels_seen_obliquely_are_answered_as_from_above(tmp_path: Path) -> None:
     """On eight of them; the card says how much it brings on 40."""
     dataset = towels(tmp_path / "oblique", 8, oblique=1.0)
