@@ -120,6 +120,9 @@ def build_config(
     from pliant.spec.configuration import read_mapping, settings_from
 
     values = read_mapping(config_file) if config_file else {}
+    for each in tiers:
+        if Path(each).suffix in (".yaml", ".yml", ".json"):
+            raise CallError("a config is no tier", where=each, fix=f"Give it by `--config {each}`.")
     if tiers:
         values["tiers"] = list(tiers)
     given = {name: value for name, value in flags.items() if value is not None}

@@ -55,6 +55,11 @@ def test_flags_that_cannot_be_read(settings, given, named):
         build_config(("rope",), None, settings, flags(**given))
 
 
+def test_a_config_in_the_place_of_a_tier():
+    with pytest.raises(CallError, match=r"a\.yaml: a config is no tier.*--config a\.yaml"):
+        build_config(("a.yaml",), None, (), flags())
+
+
 def test_without_blender_the_extra_is_named_and_nothing_is_written(tmp_path):
     code = (
         "import sys; sys.modules['bpy'] = None\n"
