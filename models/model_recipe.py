@@ -138,11 +138,14 @@ def read_recipe(
             made["splits"] = {split: min(sequences, count) for split, count in splits.items()}
         values["sets"][name] = made
     for _, stage in _mappings(values, "stages"):
-        stage["settings"] = with_overrides(stage.get("settings") or {}, overrides)
+        given = stage.get("settings") or {}
+        if isinstance(given, dict):
+            stage["settings"] = with_overrides(given, overrides)
     changed = with_overrides({}, overrides)
     if "steps" in changed and isinstance(masks := values.get("masks"), dict):
-        later = [changed["steps"] for _ in masks.get("later", ())]
-        values["masks"] = {**masks, "steps": changed["steps"], "later": later}
+        values["masks"] = {**masks, "steps": changed["steps"]}
+        if isinstance(later := masks.get("later"), list):
+            values["masks"]["later"] = [changed["steps"] for _ in later]
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")

@@ -46,6 +46,7 @@ def test_every_shipped_model_has_a_recipe() -> None:
 def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
     recipe = read_recipe(RECIPES / "don-rope.yaml", ["steps=7", "batch=2"])
     assert known(recipe.masks).steps == 7
+    assert known(recipe.masks).later == (7, 7)
     assert recipe.stages["coarse"].settings["steps"] == 7
     assert read_recipe(RECIPES / "don-rope.yaml").masks.steps > 1000  # type: ignore[union-attr]
 
@@ -89,6 +90,7 @@ def test_mean_of_weights() -> None:
         ("stages: {a: {sets: [y]}}", "stages.a.sets: unknown name.*one of x"),
         ("stages: {a: {sets: [x], mean_of: [b]}}", "two stages"),
         ("stages: {a: {sets: [x], begin: b}}", "unknown setting"),
+        ("stages: {a: {sets: [x], settings: word}}", "stages.a.settings.*word"),
         ("stages: {}", "at least one stage"),
         ("stages: [a]", "stages"),
         ("sets: {z: {}}\nstages: {a: {sets: [z]}}", "sets.z.tiers: a set has"),
