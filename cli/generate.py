@@ -122,7 +122,9 @@ def build_config(
     values = read_mapping(config_file) if config_file else {}
     for each in tiers:
         if Path(each).suffix in (".yaml", ".yml", ".json"):
-            raise CallError("a config is no tier", where=each, fix=f"Give it by `--config {each}`.")
+            raise CallError(
+                "a config file is not a tier", where=each, fix=f"Give it by `--config {each}`."
+            )
     if tiers:
         values["tiers"] = list(tiers)
     given = {name: value for name, value in flags.items() if value is not None}

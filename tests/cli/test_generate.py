@@ -56,7 +56,7 @@ def test_flags_that_cannot_be_read(settings, given, named):
 
 
 def test_a_config_in_the_place_of_a_tier():
-    with pytest.raises(CallError, match=r"a\.yaml: a config is no tier.*--config a\.yaml"):
+    with pytest.raises(CallError, match=r"a\.yaml: a config file is not a tier.*--config a\.yaml"):
         build_config(("a.yaml",), None, (), flags())
 
 
