@@ -17,7 +17,7 @@ from pliant.generator.rendering.shadow import ShadowMap, may_shade, sunlight
 from pliant.generator.rendering.sky import SkyMaps, openness
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
-from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from pliant.spec.camera import Camera
 
 _GRID_PX = 4
@@ -43,10 +43,15 @@ class TableView:
         light = appearance.light
         self._sun = np.asarray(light.sun_irradiance) * light.sun_direction[2] / math.pi
         self._sky = np.asarray(light.sky_radiance)
-        below = _below_horizon(camera, columns, rows)[:, None]
-        reflectance = np.where(below > 0, appearance.table.colour, 0.0)
+        horizon, below = _at_horizon(camera, columns, rows)
+        reflectance = np.zeros((height * width, 3))
+        reflectance[horizon] = appearance.table.colour
         reflectance[seen] = table_reflectance(appearance.table, xy[seen])
-        linear = below * (reflectance * (self._sun + self._sky)) + (1.0 - below) * self._sky
+        linear = reflectance * (self._sun + self._sky)
+        share = below[:, None]
+        mixed = share * linear[horizon] + (1.0 - share) * self._sky
+        linear[~seen] = self._sky
+        linear[horizon] = mixed
         self._reflectance = reflectance.reshape(height, width, 3).astype(np.float32)
         self.reflected = self._reflectance.mean(axis=(0, 1)) * (self._sun + self._sky)
         self._xy = xy.reshape(height, width, 2)
@@ -99,14 +104,21 @@ def _on_table(
     return eye[:2] + reach[:, None] * rays[:, :2], seen
 
 
-def _below_horizon(camera: Camera, columns_px: FloatArray, rows_px: FloatArray) -> FloatArray:
-    """Return the share of the pixels of a lattice that is below the horizon, float64 (N,)."""
+def _at_horizon(
+    camera: Camera, columns_px: FloatArray, rows_px: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the pixels of a lattice that the horizon crosses, and how much of them is below it.
+
+    Returns:
+        int64 (N,), places in the flattened lattice; float64 (N,), above 0 and below 1.
+    """
     K, up = camera.K, camera.world_to_camera[:3, 2]  # a ray (x, y, 1) rises by its product with up
     across, down = up[0] / K[0, 0], up[1] / K[1, 1]
-    u, v = np.meshgrid(columns_px - K[0, 2], rows_px - K[1, 2])
-    rise_px = (across * u + down * v + up[2]) / max(abs(across) + abs(down), 1e-12)
-    share: FloatArray = np.clip(0.5 - rise_px, 0.0, 1.0).ravel()
-    return share
+    u, v = columns_px - K[0, 2], rows_px - K[1, 2]
+    rise = across * u + (down * v + up[2])[:, None]
+    rise_px = rise.ravel() / max(abs(across) + abs(down), 1e-12)
+    crossed = np.flatnonzero(np.abs(rise_px) < 0.5)
+    return crossed, 0.5 - rise_px[crossed]
 
 
 def _tile_boxes(xy: FloatArray) -> FloatArray:
