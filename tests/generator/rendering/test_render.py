@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -198,26 +198,39 @@ def test_the_styles_show_one_scene(either: SceneObject) -> None:
     assert psnr(shifted, photo) < psnr(raster, photo) - 3
 
 
+class Sampled(NamedTuple):
+    """A scene, its picture with 192 samples a pixel, and where its object is."""
+
+    scene_object: SceneObject
+    appearance: Appearance
+    rgb: np.ndarray
+    on: np.ndarray
+
+
+@pytest.fixture(scope="module", params=["tube", "sheet"])
+def sampled(request: pytest.FixtureRequest) -> Sampled:
+    scene_object: SceneObject = request.getfixturevalue(request.param)
+    appearance = plain_appearance(scene_object)
+    rgb = picture("photo", scene_object, appearance, samples=192)
+    on = frame_truth(scene_object, scene_object.pose(0), VIEW).surface.object_id > 0
+    return Sampled(scene_object, appearance, rgb, on)
+
+
 @pytest.mark.blender
-def test_fast_has_no_grain(either: SceneObject) -> None:
+def test_fast_has_no_grain(sampled: Sampled) -> None:
     """Against 192 samples a pixel, on the object; four samples, not denoised, have 36 and 44 dB."""
-    appearance = plain_appearance(either)
-    fast = picture("fast", either, appearance)
-    many = picture("photo", either, appearance, samples=192)
-    on = frame_truth(either, either.pose(0), VIEW).surface.object_id > 0
-    inside = ndimage.binary_erosion(on, iterations=2)
-    assert psnr(fast[inside], many[inside]) > {"rope": 38, "cloth": 48}[either.kind]
+    fast = picture("fast", sampled.scene_object, sampled.appearance)
+    inside = ndimage.binary_erosion(sampled.on, iterations=2)
+    least = {"rope": 38, "cloth": 48}[sampled.scene_object.kind]
+    assert psnr(fast[inside], sampled.rgb[inside]) > least
 
 
 @pytest.mark.blender
-def test_a_small_photo_has_no_grain_and_no_steps(either: SceneObject) -> None:
+def test_a_small_photo_has_no_grain_and_no_steps(sampled: Sampled) -> None:
     """Against 192 samples a pixel, along the outline."""
-    appearance = plain_appearance(either)
-    photo = picture("photo", either, appearance)
-    many = picture("photo", either, appearance, samples=192)
-    on = frame_truth(either, either.pose(0), VIEW).surface.object_id > 0
-    outline = ndimage.binary_dilation(on) & ~ndimage.binary_erosion(on)
-    assert psnr(photo[outline], many[outline]) > 31
+    photo = picture("photo", sampled.scene_object, sampled.appearance)
+    outline = ndimage.binary_dilation(sampled.on) & ~ndimage.binary_erosion(sampled.on)
+    assert psnr(photo[outline], sampled.rgb[outline]) > 31
 
 
 @pytest.mark.blender
