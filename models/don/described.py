@@ -11,7 +11,8 @@ import torch
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
-from pliant.models.don.mask_repair import repaired
+from pliant.models.don.mask_repair import repaired, surely_kept
+from pliant.models.don.one_rope import resized
 from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
@@ -162,6 +163,10 @@ class ViewDescriber:
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         else:
             rope, objects = self.masks.found(rgb)
+            if view.mask is not None and view.objects is not None:
+                likely = resized(np.maximum(rope, objects) > 0.5, view.mask.shape)
+                if surely_kept(view.mask, view.objects, likely):
+                    return None
             shown = [
                 resize_mask(likely > 0.5, self.size, keep_thin=True)
                 for likely in (rope, np.maximum(rope, objects))

