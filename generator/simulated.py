@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -203,5 +204,5 @@ class SimulatedDataset(Dataset):
         return cls(Path(simulator.address), info, tiers, listing, simulator)
 
     def fingerprint(self) -> bytes:
-        """Return a constant: `info` contains the config, which determines the sequences."""
-        return b"simulated"
+        """Return `info`: it contains the config, which determines the sequences."""
+        return json.dumps(self.info, sort_keys=True).encode()

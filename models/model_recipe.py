@@ -19,31 +19,39 @@ from pydantic import model_validator
 
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
-from pliant.models.don.trainer import DonTask, train_don
-from pliant.models.export import export_run
+from pliant.models.don.trainer import DonTask, train_don, training_data
+from pliant.models.export import export_run, portable
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
     Weights,
     latest_checkpoint,
-    read_history,
+    read_progress,
     read_weights_file,
     save_weights,
 )
 from pliant.models.training.loop import StepProgress
 from pliant.models.training.processes import joined_processes
-from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json, write_settings
+from pliant.models.training.run_folder import (
+    CONFIG,
+    RUN_FACTS,
+    check_same_settings,
+    data_digest,
+    read_run_json,
+    write_settings,
+)
 from pliant.spec.configuration import (
     Settings,
     merged,
     read_mapping,
     read_settings,
     settings_from,
+    settings_to_dict,
     with_overrides,
 )
 from pliant.spec.constraints import Count, Refused, Share
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, TrainingError
 
 Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
 
@@ -69,6 +77,8 @@ class Stage(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if not self.sets:
+            raise Refused("at least one set", "sets")
         if len(self.mean_of) not in (0, 2):
             raise Refused("two stages", "mean_of")
         return self
@@ -194,15 +204,19 @@ def make_model(
 
     Returns:
         The exported model's folder.
+
+    Raises:
+        TrainingError: A stage was begun with other settings or data.
     """
     for name, config in recipe.sets.items():
         generate(config, out / "sets" / name)
     for name, stage in recipe.stages.items():
         run = out / "stages" / name
-        if read_run_json(run / RUN_FACTS):
-            continue
         settings = _settings(recipe, stage, out)
         dataset = Dataset.open(out / "sets" / stage.sets[0])
+        if facts := read_run_json(run / RUN_FACTS):
+            _check_finished(run, stage, settings, dataset, facts)
+            continue
         if stage.mean_of:
             _average(recipe, stage, out, run, settings)
         else:
@@ -215,6 +229,35 @@ def make_model(
             _train_masks(recipe.masks, out, out / "stages" / last, progress)
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
+
+
+def _check_finished(
+    run: Path, stage: Stage, settings: DonSettings, dataset: Dataset, facts: Mapping[str, Any]
+) -> None:
+    """Refuse a finished stage that the recipe now describes otherwise."""
+    fix = "Remove the folders of this stage and of those after it, or name another --out."
+    begun = _portable(read_settings(DonSettings, run / CONFIG))
+    check_same_settings(run, begun, _portable(settings), fix=fix)
+    if stage.mean_of != (mean_of := tuple(facts.get("mean_of", ()))):
+        raise TrainingError(
+            "the finished stage is the mean of others",
+            path=run / RUN_FACTS,
+            where="mean_of",
+            found=mean_of,
+            required=stage.mean_of,
+            fix=fix,
+        )
+    data = data_digest([of for of, _ in training_data(dataset, settings)])
+    if not stage.mean_of and read_progress(run)["data"] != data:
+        raise TrainingError(
+            "the stage was trained on other sequences than its sets have now", path=run, fix=fix
+        )
+
+
+def _portable(settings: DonSettings) -> dict[str, Any]:
+    """Return settings as they are in any folder of sets and stages."""
+    further = [Path(each.data).name for each in settings.further if each.data]
+    return portable(settings_to_dict(settings), further)
 
 
 def _train_masks(stage: MaskStage, out: Path, run: Path, progress: StepProgress | None) -> None:
@@ -274,7 +317,7 @@ def _average(
             "share_of_the_last": share,
             "validation_px_by_share": {str(key): value for key, value in errors.items()},
         }
-        task.finish(run, read_history(last), facts)
+        task.finish(run, read_progress(last)["history"], facts)
 
 
 def _mean(first: Weights, last: Weights, share: float) -> Weights:

@@ -75,6 +75,8 @@ class DonTask(Task[DonSettings]):
         self, dataset: Dataset, settings: DonSettings, run: Path, processes: Processes
     ) -> None:
         super().__init__(dataset, settings, run, processes)
+        data = training_data(dataset, settings)
+        self.datasets = [of for of, _ in data]
         parts = [
             PairDataset(
                 self.training_frames(of, tier),
@@ -83,7 +85,7 @@ class DonTask(Task[DonSettings]):
                 augmentation=settings.augment,
                 orientation=settings.loss.orientation_weight > 0,
             )
-            for of, tier in training_data(dataset, settings)
+            for of, tier in data
         ]
         self.samples = MixedPairs(parts, settings.seed, settings.batch)
         self.validation_pairs = draw_validation_pairs(
@@ -170,10 +172,10 @@ class DonTask(Task[DonSettings]):
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
         facts["validation"] = validate(matcher, final_pairs, size)
         write_json(run / CALIBRATION, asdict(calibration))
-        write_json(run / RUN_FACTS, facts)
         bare = [pair.without_masks() for pair in pairs]
         familiarity = matcher.fitted_familiarity([*pairs, *bare])
         write_json(run / FAMILIARITY, familiarity.as_document())
+        write_json(run / RUN_FACTS, facts)  # last: a run that has it is finished
         facts["calibration"] = dict(calibration.figures or {})
         from pliant.models.training.run_page import Section, history_chart, write_run_page
 

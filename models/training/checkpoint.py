@@ -39,6 +39,7 @@ class TrainingState:
         best: Lowest validation criterion so far, px.
         waited: Validations since then.
         history: Figures of every logged step, {"step": …, name: value}.
+        data: `data_digest` of what it is trained on.
     """
 
     step: int
@@ -48,6 +49,7 @@ class TrainingState:
     best: float = float("inf")
     waited: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
+    data: str = ""
 
 
 def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
@@ -138,6 +140,7 @@ def save_checkpoint(run: Path, state: TrainingState) -> None:
         "best": None if state.best == float("inf") else state.best,
         "waited": state.waited,
         "history": state.history,
+        "data": state.data,
         "optimiser": plain,
     }
     with staged(folder) as place:
@@ -198,6 +201,7 @@ def read_checkpoint(folder: Path) -> TrainingState:
             best=float("inf") if document["best"] is None else document["best"],
             waited=document["waited"],
             history=document["history"],
+            data=document["data"],
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise TrainingError(
@@ -205,13 +209,11 @@ def read_checkpoint(folder: Path) -> TrainingState:
         ) from error
 
 
-def read_history(run: Path) -> list[dict[str, float]]:
-    """Return the logged figures of a run up to its newest checkpoint; empty before the first."""
+def read_progress(run: Path) -> dict[str, Any]:
+    """Return the newest checkpoint of a run without its tensors; empty before the first."""
     folder = latest_checkpoint(run)
-    if folder is None:
-        return []
-    history: list[dict[str, float]] = json.loads((folder / "state.json").read_text())["history"]
-    return history
+    document: dict[str, Any] = json.loads((folder / "state.json").read_text()) if folder else {}
+    return document
 
 
 def _split(optimiser: dict[str, Any]) -> tuple[Weights, dict[str, Any]]:

@@ -31,7 +31,7 @@ from pliant.models.training.checkpoint import (
 from pliant.models.training.interrupts import interrupts_deferred
 from pliant.models.training.optimiser import learning_rate, make_optimiser
 from pliant.models.training.processes import Processes, agree, average_gradients
-from pliant.models.training.run_folder import TENSORBOARD
+from pliant.models.training.run_folder import TENSORBOARD, data_digest
 from pliant.models.training.settings import RunSettings
 from pliant.models.training.task import Task
 from pliant.spec.errors import TrainingError
@@ -70,7 +70,7 @@ def train(
     """
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
-    state = _start(network, optimiser, run, resume)
+    state = _start(task, optimiser, run, resume)
     stop = settings.steps if stop_at is None else min(stop_at, settings.steps)
     patience = settings.validation.patience
 
@@ -164,12 +164,21 @@ def _figures(state: TrainingState) -> Mapping[str, float]:
 
 
 def _start(
-    network: nn.Module, optimiser: torch.optim.Optimizer, run: Path, resume: bool
+    task: Task[Any], optimiser: torch.optim.Optimizer, run: Path, resume: bool
 ) -> TrainingState:
+    network, data = task.network, data_digest(task.datasets)
     if not resume:
-        return TrainingState(0, {}, _copy(network), {})
+        return TrainingState(0, {}, _copy(network), {}, data=data)
     checkpoint = checkpoint_to_resume(run)
     state = read_checkpoint(checkpoint)
+    if state.data != data:
+        raise TrainingError(
+            "a run goes on with the data it began with",
+            path=run,
+            found=", ".join(each.address for each in task.datasets),
+            required="the same datasets, with the sequences they had",
+            fix="Name them, or start another run.",
+        )
     remove_others(checkpoint)
     network.load_state_dict(state.weights)
     optimiser.load_state_dict(state.optimiser)

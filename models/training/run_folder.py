@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -95,16 +96,52 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
 def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
     checkpoint_to_resume(run)
     begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
-    for name, value in settings_to_dict(settings).items():
-        if name not in (*RESUMABLE, answering) and begun[name] != value:
-            raise TrainingError(
-                "a run goes on with the settings it began with",
-                path=run / CONFIG,
-                where=name,
-                found=value,
-                required=begun[name],
-                fix="Leave --config and --set out, or start another run.",
-            )
+    check_same_settings(
+        run,
+        begun,
+        settings_to_dict(settings),
+        ignored=(*RESUMABLE, answering),
+        fix="Leave --config and --set out, or start another run.",
+    )
+
+
+def check_same_settings(
+    run: Path,
+    begun: Mapping[str, Any],
+    now: Mapping[str, Any],
+    *,
+    ignored: Sequence[str] = RESUMABLE,
+    fix: str,
+) -> None:
+    """Refuse other settings than a run began with.
+
+    Args:
+        run: The run's folder.
+        begun: Its settings, as plain values.
+        now: Those that it is to have.
+        ignored: Settings that may differ, with all inside them.
+        fix: What to do about a difference.
+
+    Raises:
+        TrainingError: A setting differs.
+    """
+    for name, value in now.items():
+        if name in ignored or begun[name] == value:
+            continue
+        inner = isinstance(value, Mapping) and next(k for k in value if value[k] != begun[name][k])
+        raise TrainingError(
+            "a run goes on with the settings it began with",
+            path=run / CONFIG,
+            where=f"{name}.{inner}" if inner else name,
+            found=value[inner] if inner else value,
+            required=begun[name][inner] if inner else begun[name],
+            fix=fix,
+        )
+
+
+def data_digest(datasets: Sequence[Dataset]) -> str:
+    """Return a checksum that differs between datasets with other sequences."""
+    return hashlib.sha256(b"".join(each.fingerprint() for each in datasets)).hexdigest()
 
 
 def _is_only_begun(run: Path) -> bool:

@@ -29,6 +29,7 @@ class Task(ABC, Generic[Chosen]):
     Attributes:
         network: The network.
         samples: Training samples; sample number n depends on the seed and n alone.
+        datasets: What it is trained on, the run's own dataset first.
         answering: The setting that says how the result answers, which changes no step.
 
     Args:
@@ -44,6 +45,7 @@ class Task(ABC, Generic[Chosen]):
 
     def __init__(self, dataset: Dataset, settings: Chosen, run: Path, processes: Processes) -> None:
         self.dataset, self.settings, self.processes = dataset, settings, processes
+        self.datasets: Sequence[Dataset] = (dataset,)
         self.size = (settings.width, settings.height)
         folder = Path(settings.cache_dir) if settings.cache_dir else run / "cache"
         self._cache = folder if settings.cache else None

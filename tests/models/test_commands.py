@@ -38,6 +38,19 @@ def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path, called
     train = ("train", "don", "--data", sheet_dataset.root, "--out", tmp_path / "run")
     assert called(*train, *options(*DON, "steps=2"))[0] == 0
     assert called(*train, "--resume")[0] == 0
+    code, _, error = called(*train, "--resume", "--set", "validation.every=9")
+    assert code == 1
+    assert "config.yaml, validation.every: a run goes on with" in error
+
+
+@pytest.mark.parametrize("method", ["don", "timecycle"])
+def test_resume_where_there_is_no_run_asks_for_no_setting(
+    tiny_dataset: Path, tmp_path: Path, called: Called, method: str
+) -> None:
+    train = ("train", method, "--data", tiny_dataset, "--out", tmp_path / "nothing")
+    code, _, error = called(*train, "--resume")
+    assert code == 1
+    assert "no checkpoint to resume" in error
 
 
 @pytest.mark.parametrize(

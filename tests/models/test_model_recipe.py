@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 import torch
 
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher
-from pliant.models.model_recipe import RECIPES, _mean, read_recipe
+from pliant.models.model_recipe import RECIPES, _mean, make_model, read_recipe
 from pliant.models.shipped import FOLDER
 from pliant.spec.configuration import settings_from
-from pliant.spec.errors import CallError
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
 from tests.conftest import Called
 from tests.known import known
-from tests.models.tiny_runs import options
+from tests.models.tiny_runs import DON, options
 
 NAMES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 SMALL = (
@@ -83,6 +86,36 @@ def test_mean_of_weights() -> None:
     assert int(mean["n"]) == 7
 
 
+def test_a_changed_recipe_is_refused_for_finished_stages(
+    sheet_dataset: Dataset, tmp_path: Path
+) -> None:
+    def make(out: Path, width: int = 40, mean_of: str = "[first, further]") -> Path:
+        path = tmp_path / "recipe.yaml"
+        path.write_text(
+            "name: m\nsettings: {}\nsets: {x: {tiers: [sheet]}}\nstages:\n"
+            "  first: {sets: [x]}\n"
+            "  further: {sets: [x], start: first}\n"
+            f"  mean: {{sets: [x], mean_of: {mean_of}, shares: [0.5]}}\n"
+        )
+        return make_model(read_recipe(path, [*DON, f"width={width}"]), out, copied)
+
+    def copied(_: object, folder: Path) -> None:
+        if not folder.exists():
+            shutil.copytree(sheet_dataset.root, folder)
+
+    made = make(tmp_path / "out")
+    moved = (tmp_path / "out").rename(tmp_path / "moved")
+    assert make(moved).name == made.name
+    with pytest.raises(TrainingError, match=r"stages/first/config\.yaml, width.*Remove the"):
+        make(moved, width=48)
+    with pytest.raises(TrainingError, match=r"stages/mean/run\.json, mean_of"):
+        make(moved, mean_of="[further, first]")
+    listed = moved / "sets" / "x" / "sequences.parquet"
+    pq.write_table(pq.read_table(listed).slice(1), listed)
+    with pytest.raises(TrainingError, match="stages/first: the stage was trained on other sequ"):
+        make(moved)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -91,6 +124,7 @@ def test_mean_of_weights() -> None:
         ("stages: {a: {sets: [x], mean_of: [b]}}", "two stages"),
         ("stages: {a: {sets: [x], begin: b}}", "unknown setting"),
         ("stages: {a: {sets: [x], settings: word}}", "stages.a.settings.*word"),
+        ("stages: {a: {sets: []}}", "stages.a.sets.*at least one set"),
         ("stages: {}", "at least one stage"),
         ("stages: [a]", "stages"),
         ("sets: {z: {}}\nstages: {a: {sets: [z]}}", "sets.z.tiers: a set has"),

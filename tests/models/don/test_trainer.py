@@ -20,6 +20,7 @@ from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.known import known
+from tests.loaders.sheet_dataset import write_sheet_dataset
 from tests.models.same_runs import last_checkpoint
 from tests.models.tiny_runs import DON, don, options
 
@@ -63,6 +64,16 @@ def test_a_run_interrupted_before_its_first_checkpoint_begins_again(
     assert len(list((run / "tensorboard").iterdir())) == 1
     with pytest.raises(CallError, match="must be empty"):
         train_don(sheet_dataset, run, don())
+
+
+def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Another dataset of the same id and version is other data."""
+    other = Dataset.open(write_sheet_dataset(tmp_path / "set", {"train": 2, "val": 3}))
+    assert other.id == sheet_dataset.id
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, don(), stop_at=2)
+    with pytest.raises(TrainingError, match="run: a run goes on with the data it began with"):
+        train_don(other, run, don(), resume=True)
 
 
 @pytest.mark.parametrize("keep", ["best", "last"])

@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from types import SimpleNamespace
 from typing import Any
 
@@ -54,6 +55,7 @@ def whole(sheet_dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> P
         ("pliant.models.training.loop.save_weights", 1),
         ("pliant.models.training.checkpoint.save_weights", 2),
         ("pliant.models.don.trainer.calibrate", 1),
+        ("pliant.models.don.matcher.DonMatcher.fitted_familiarity", 1),
     ],
 )
 def test_resumed_equals_uninterrupted(
@@ -64,13 +66,13 @@ def test_resumed_equals_uninterrupted(
     place: str,
     call: int,
 ) -> None:
-    module, _, name = place.rpartition(".")
-    function = getattr(__import__(module, fromlist=[name]), name)
+    function = resolve_name(place)
     run = tmp_path / "run"
     with monkeypatch.context() as patch:
         patch.setattr(place, interrupt_at(call, function))
         with pytest.raises(KeyboardInterrupt):
             train_don(sheet_dataset, run, SETTINGS)
+    assert not (run / "run.json").exists()  # what a finished run has
     train_don(sheet_dataset, run, SETTINGS, resume=True)
     assert_same_runs(whole, run, steps=6)
     for file in ("calibration.json", "familiarity.json"):
