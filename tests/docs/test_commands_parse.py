@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 import pytest
+import yaml
 
 from pliant.cli.main import cli
 
@@ -84,6 +85,25 @@ def problem(line: str, whole: bool) -> str | None:
 def test_every_command_of_a_page_parses(page: Path) -> None:
     found = {line: problem(line, whole) for line, whole in shown_commands(page.read_text())}
     assert {line: wrong for line, wrong in found.items() if wrong} == {}
+
+
+def test_services_of_systemd_and_containers() -> None:
+    page = (ROOT / "docs/service.md").read_text()
+    (units,) = re.findall(r"^```ini\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    (compose,) = re.findall(r"^```yaml\n# compose(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    services = yaml.safe_load(f"#{compose}")["services"]
+    run = re.findall(r"`docker compose run --rm work (.*?)`", page)
+    lines = [line.partition("/bin/")[2] for line in re.findall(r"^ExecStart=(.*)", units, re.M)]
+    lines += [
+        f"pliant {each}" for each in (*run, *(services[n]["command"] for n in ("web", "work")))
+    ]
+    assert len(lines) == 5
+    assert [problem(line, True) for line in lines] == [None] * 5
+    # Each file is scored in a temporary folder, which `strict` makes unwritable.
+    assert units.count("ProtectSystem=strict") == units.count("PrivateTmp=yes") == 2
+    # `create` renames a folder to the challenge's: it cannot be where a volume is mounted.
+    mounted = services["work"]["volumes"][0].partition(":")[2]
+    assert all(f" {mounted}/challenge" in line for line in lines[2:])
 
 
 def test_the_pages_are_read() -> None:
