@@ -78,7 +78,14 @@ def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None
             required=f"a folder with a {layout.MANIFEST_JSON}, as `pliant publish` writes it",
             fix="Publish the dataset with --hold-out.",
         )
-    dataset.with_private(private)
+    whole = dataset.with_private(private)
+    for split in sorted(splits):
+        if not whole.has(layout.truth_name(split)):
+            raise SpecError(
+                f"there is no truth of split {split}",
+                path=private / layout.truth_name(split),
+                fix="Name a split with queries, or publish the dataset with their truth.",
+            )
     for split in sorted(splits - set(dataset.held_out)):
         if (private / layout.truth_name(split)).is_file():
             raise SpecError(

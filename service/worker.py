@@ -62,7 +62,7 @@ class Worker:
             except SQLAlchemyError as error:
                 if not is_unreachable(error):
                     raise
-                log.warning("the database cannot be reached; trying again")
+                log.warning("the database cannot be used; trying again", extra=_cause(error))
                 self._stopping.wait(_RETRY_S)
             else:
                 if not busy:
@@ -129,7 +129,7 @@ class Worker:
             except SQLAlchemyError as error:
                 if not is_unreachable(error):
                     raise
-                log.warning("the database cannot be reached; the result is kept")
+                log.warning("the database cannot be used; the result is kept", extra=_cause(error))
                 time.sleep(_RETRY_S)
 
     def _store(self, lease: Lease, outcome: Result | BaseException) -> None:
@@ -140,11 +140,11 @@ class Worker:
                 if job is not None:
                     self._finish(session, job, outcome)
             return
-        error = f"{type(outcome).__name__}: {outcome}"
+        error, final = str(outcome), isinstance(outcome, PliantError)
+        if isinstance(outcome, LimitError):  # its path is the file's name, which no log contains
+            error, final = outcome.without_place(), outcome.reason != "crash"
+        error = f"{type(outcome).__name__}: {error}"
         log.error("job failed", extra={"job": lease.job_id, "error": error})
-        final = isinstance(outcome, PliantError)
-        if isinstance(outcome, LimitError):
-            final = outcome.reason != "crash"
         if not final and lease.tries < self._limits.tries:
             queue.give_back(database, lease, error[:2000])
             return
@@ -252,6 +252,10 @@ class _Heartbeat:
             with suppress(SQLAlchemyError):  # the database may be back before the lease ends
                 if not queue.renew(self._challenge.database, self._lease, limits):
                     return
+
+
+def _cause(error: SQLAlchemyError) -> dict[str, str]:
+    return {"error": str(getattr(error, "orig", error))}  # without the statement and its values
 
 
 def run_worker(challenge: Challenge, parent: BaseProcess | None = None) -> None:

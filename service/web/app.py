@@ -28,7 +28,7 @@ from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import CallError, PliantError
 
 _UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
-_RETRY_AFTER_S = "5"
+_RETRY_AFTER_S = {"TOO_MANY_REQUESTS": "60", "DATABASE_UNREACHABLE": "5"}
 _THREADS = 12
 """Requests that are worked on at a time: more would only add memory and wait for each other."""
 
@@ -100,7 +100,7 @@ def _add_operations(app: FastAPI, site: Site) -> None:
 
 def _add_errors(app: FastAPI, site: Site) -> None:
     def answer(request: Request, status: int, code: str, message: str, **headers: str) -> Response:
-        headers |= {"Retry-After": _RETRY_AFTER_S} if status in (429, 503) else {}
+        headers |= {"Retry-After": _RETRY_AFTER_S[code]} if code in _RETRY_AFTER_S else {}
         if status == 401:
             headers["WWW-Authenticate"] = "Bearer"
         headers |= site.headers if status == 500 else {}

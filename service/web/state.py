@@ -113,12 +113,11 @@ class Site:
         return made
 
 
-def default_phase(site_settings: tuple[Phase, ...], time_ms: int) -> Phase:
-    """Return the first open phase, or the last one."""
-    for phase in site_settings:
-        if phase.status(time_ms) == "open":
-            return phase
-    return site_settings[-1]
+def default_phase(phases: tuple[Phase, ...], time_ms: int) -> Phase:
+    """Return the first open phase, else the last that has closed, else the first to come."""
+    by_status = {phase.status(time_ms): phase for phase in phases}  # the last of each
+    opened = (phase for phase in phases if phase.status(time_ms) == "open")
+    return next(opened, by_status.get("closed", phases[0]))
 
 
 def default_version(session: Session, phase: Phase) -> Version | None:

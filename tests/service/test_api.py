@@ -236,7 +236,9 @@ def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial
     with client_of(trial) as client:
         first = submit(client, trial.tokens[0], b"last")
         assert first.status_code == 201
-        assert submit(client, trial.tokens[0], b"next").json()["code"] == "QUOTA_EXCEEDED"
+        refused = submit(client, trial.tokens[0], b"next")
+        assert refused.json()["code"] == "QUOTA_EXCEEDED"
+        assert "retry-after" not in refused.headers  # a client would send it again and again
         assert submit(client, trial.tokens[0], b"longer").json()["code"] == "QUOTA_EXCEEDED"
         again = submit(client, trial.tokens[0], b"last")
         assert (again.status_code, again.json()["id"]) == (200, first.json()["id"])
@@ -270,6 +272,18 @@ def test_what_opens_first(make_trial: MakeTrial) -> None:
             in SignedIn(client, trial.host).get("/admin").text
         )
         assert "--to http://testserver --token" in client.get("/rules").text
+
+
+def test_between_two_rounds_the_results_of_the_first_are_shown(make_trial: MakeTrial) -> None:
+    rounds = (
+        "{name: r1, split: test, closes: 2026-01-01T00:00:00Z}",
+        "{name: r2, split: test, opens: 2199-01-01T00:00:00Z}",
+        "{name: r3, split: test, opens: 2199-02-01T00:00:00Z}",
+    )
+    for some, phase in ((rounds, "r1"), (rounds[1:], "r2")):
+        with client_of(make_trial(f"phases: [{', '.join(some)}]")) as client:
+            assert client.get(f"{API}/leaderboard").json()["phase"] == phase
+            assert "submit a file" not in client.get("/").text
 
 
 def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: TestClient) -> None:

@@ -168,7 +168,10 @@ def own_postgres() -> Iterator[PostgresServer]:
 
 @pytest.mark.parametrize("seconds", [2, pytest.param(30, marks=pytest.mark.long)])
 def test_a_database_that_is_gone_for_a_while(
-    make_trial: MakeTrial, own_postgres: PostgresServer, seconds: int
+    make_trial: MakeTrial,
+    own_postgres: PostgresServer,
+    seconds: int,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """Requests are answered with 503; the result that a worker has is stored afterwards."""
     trial = make_trial(RULES, own_postgres.new_database())
@@ -203,6 +206,8 @@ def test_a_database_that_is_gone_for_a_while(
     with trial.challenge.database.read() as session:
         assert set(session.scalars(select(Job.tries))) == {1}
         verify_log(session)
+    kept = [vars(each) for each in caplog.records if "the result is kept" in each.message]
+    assert "connection" in kept[0]["error"]
 
 
 def test_a_full_database_disk(make_trial: MakeTrial) -> None:

@@ -170,13 +170,21 @@ def lease_end_ms(trial: Trial) -> int:
 @pytest.mark.parametrize(
     ("error", "told", "tries"),
     [
-        (LimitError("time", "it takes too long"), "failed: it takes too long. No attempt was", 1),
+        (
+            LimitError("time", "it takes too long", path="given.parquet"),
+            "failed: given.parquet: it takes too long. No attempt was",
+            1,
+        ),
         (LimitError("crash", "the reader crashed"), "failed: the reader crashed. No attempt", 3),
         (OSError("cannot read /srv/challenge"), "The host sees why; no attempt was charged.", 3),
     ],
 )
 def test_a_scorer_that_misbehaves_costs_no_attempt(
-    make_trial: MakeTrial, error: Exception, told: str, tries: int
+    make_trial: MakeTrial,
+    error: Exception,
+    told: str,
+    tries: int,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """A crash and a fault of the machine are tried again; of neither is a path told."""
     trial = make_trial()
@@ -193,6 +201,9 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     assert "/srv" not in found.failure
     assert trial.values(select(Job.tries)) == [tries]
     assert trial.values(select(LedgerEntry.amount)) == [-1, 1]
+    logged = [str(vars(each)) for each in caplog.records if each.message == "job failed"]
+    assert len(logged) == tries
+    assert "given.parquet" not in "".join(logged)
 
 
 def hang(task: Task) -> Result:
