@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
+from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
 from tests.browser import Browser, Keys
 from tests.viewer.explorer.conftest import SHIFT_PX, make_explorer
@@ -110,6 +111,19 @@ def test_moving_the_pointer_shows_truth_answers_and_heat(page: Page) -> None:
     page.browser.wait(f"{HEAT} && {HEAT} !== arguments[0]".replace("arguments[0]", f"'{before}'"))
     page.browser.keys("h")
     page.browser.wait(f"!{HEAT}")
+
+
+def test_a_pair_opens_at_a_point_that_both_pictures_show(page: Page) -> None:
+    """The middle query of this pair is at a pixel beside the object, or its point is hidden."""
+
+    def is_seen(pair: QueryPair) -> bool:
+        middle = pair.uv_a_px[[len(pair) // 2]]
+        found = page.explorer.truth.find(RecordedPair(pair.source, pair.target, middle))
+        return found is not None and found.visibility == "visible"
+
+    shown = [is_seen(pair) for pair in page.explorer.queries.splits["test"].pairs]
+    page.open(link_of(page.explorer, shown.index(False)))
+    page.browser.wait(f"{CELLS}[0].children[4].textContent === 'yes'")
 
 
 def test_another_pair_shows_nothing_of_the_one_before(page: Page) -> None:

@@ -24,6 +24,16 @@ function ofNearest(name, { u, v, method } = {}) {
   return (name === "truth" ? kept.truth : kept.answers[method])[gaps.indexOf(least)];
 }
 
+/** The query that a pair opens with: near the middle of the list, on the object, and visible in the target. */
+export async function opening(queries, pair) {
+  const middle = queries.length >> 1;
+  for (const [u, v] of [...queries.slice(middle), ...queries.slice(0, middle)].slice(0, 12)) {
+    const truth = await get("truth", { ...pair, u, v }).catch(() => null);
+    if (truth?.visibility === "visible") return [u, v];
+  }
+  return queries[middle];
+}
+
 /** Bytes, or null where the dataset has none. */
 export async function bytes(name, parameters) {
   const answer = await fetch(address(name, parameters));

@@ -1,6 +1,6 @@
 // Starts the page: reads the dataset, opens what the address names, and listens to keys.
 
-import { get } from "./api.js";
+import { get, opening } from "./api.js";
 import * as browse from "./browse.js";
 import * as pictures from "./pictures.js";
 import * as readout from "./readout.js";
@@ -37,12 +37,12 @@ function first() {
   return { a: `${name}/0`, b: `${name}/${Math.min(1, frames - 1)}` };
 }
 
-/** Where no point is named: that of a query in the middle of the pair's list, else `place` if given. */
+/** Where no point is named: that of a query of the pair, else `place` if given. */
 async function fill(place) {
   const { a, b } = state;
   if (state.u !== null) return;
   const queries = await get("queries", { a, b }).catch(() => []);
-  const found = queries[queries.length >> 1] ?? place;
+  const found = await opening(queries, { a, b }) ?? place;
   if (found && state.u === null && state.a === a) pictures.move(...found);
 }
 

@@ -1,6 +1,6 @@
 // A pair of frames with recorded answers, in a page without a server.
 
-import { get } from "./api.js";
+import { get, opening } from "./api.js";
 import * as pictures from "./pictures.js";
 import * as readout from "./readout.js";
 import { set } from "./state.js";
@@ -8,6 +8,5 @@ import { set } from "./state.js";
 const data = await get("dataset");
 set({ a: data.a, b: data.b, heat: false });
 pictures.start(data); readout.start(data);
-const queries = await get("queries");
-pictures.move(...queries[queries.length >> 1]);
+pictures.move(...await opening(await get("queries"), {}));
 document.body.dataset.ready = "yes";
