@@ -42,7 +42,7 @@ def model_card(
         tiers=_tiers(str(facts["tier"]), settings.get("also", ())),
         settings={"threads": 0, "precision": "", "validation": {}, **settings},
         answer={"decode": "", "search": "", **settings.get("answer", {})},
-        facts={"network": "", **facts},
+        facts={"network": "", "mean_of": (), **facts},
         figures=facts.get("validation", {}),
         dataset=dataset,
         config=dataset["provenance"].get("config"),
@@ -77,4 +77,6 @@ def _plain(value: Any) -> str:
 
 
 def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

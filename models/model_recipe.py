@@ -64,7 +64,8 @@ class Stage(Settings):
     Attributes:
         sets: Names of the sets it trains on, its own first.
         start: The stage whose weights it begins with; empty for random weights.
-        mean_of: Two stages of which it is the mean; it has the settings of the last one.
+        mean_of: Two stages of which it is the mean; it has the settings of the last one, where its
+            own do not differ.
         shares: What is tried as the last one's share.
         settings: Settings of the run that differ from those of all stages.
     """
@@ -236,8 +237,6 @@ def _check_finished(
 ) -> None:
     """Refuse a finished stage that the recipe now describes otherwise."""
     fix = "Remove the folders of this stage and of those after it, or name another --out."
-    begun = _portable(read_settings(DonSettings, run / CONFIG))
-    check_same_settings(run, begun, _portable(settings), fix=fix)
     if stage.mean_of != (mean_of := tuple(facts.get("mean_of", ()))):
         raise TrainingError(
             "the finished stage is the mean of others",
@@ -247,8 +246,10 @@ def _check_finished(
             required=stage.mean_of,
             fix=fix,
         )
+    begun = _portable(read_settings(DonSettings, run / CONFIG))
+    check_same_settings(run, begun, _portable(settings), fix=fix)
     data = data_digest([of for of, _ in training_data(dataset, settings)])
-    if not stage.mean_of and read_progress(run)["data"] != data:
+    if not stage.mean_of and read_progress(run).get("data", data) != data:
         raise TrainingError(
             "the stage was trained on other sequences than its sets have now", path=run, fix=fix
         )
@@ -285,7 +286,8 @@ def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:
     }
     if stage.start:
         own["network"] = {"pretrained": str(out / "stages" / stage.start)}
-    values = merged(merged(recipe.settings, stage.settings), own)
+    given = recipe.stages[stage.mean_of[-1]].settings if stage.mean_of else {}
+    values = merged(merged(merged(recipe.settings, given), stage.settings), own)
     return settings_from(DonSettings, values)
 
 
@@ -295,6 +297,13 @@ def _average(
     """Make a run of the mean of two runs' weights, with the best share on validation."""
     first, last = (out / "stages" / name for name in stage.mean_of)
     given, trained = (read_weights_file(each / BEST) for each in (first, last))
+    if {k: v.shape for k, v in given.items()} != {k: v.shape for k, v in trained.items()}:
+        raise CallError(
+            "the two stages have different networks, which have no mean",
+            where="mean_of",
+            found=", ".join(stage.mean_of),
+            fix="Give both the same network, pairs and auxiliary losses.",
+        )
     shutil.rmtree(run, ignore_errors=True)
     run.mkdir(parents=True)
     dataset = Dataset.open(out / "sets" / stage.sets[0])
@@ -317,7 +326,7 @@ def _average(
             "share_of_the_last": share,
             "validation_px_by_share": {str(key): value for key, value in errors.items()},
         }
-        task.finish(run, read_progress(last)["history"], facts)
+        task.finish(run, read_progress(last).get("history", []), facts)
 
 
 def _mean(first: Weights, last: Weights, share: float) -> Weights:

@@ -201,7 +201,7 @@ def read_checkpoint(folder: Path) -> TrainingState:
             best=float("inf") if document["best"] is None else document["best"],
             waited=document["waited"],
             history=document["history"],
-            data=document["data"],
+            data=document.get("data", ""),  # a checkpoint of before has none
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise TrainingError(

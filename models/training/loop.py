@@ -171,7 +171,7 @@ def _start(
         return TrainingState(0, {}, _copy(network), {}, data=data)
     checkpoint = checkpoint_to_resume(run)
     state = read_checkpoint(checkpoint)
-    if state.data != data:
+    if state.data not in ("", data):
         raise TrainingError(
             "a run goes on with the data it began with",
             path=run,

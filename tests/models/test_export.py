@@ -134,15 +134,15 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     info = dataset.info
     provenance = info["provenance"]
 
-    def card(changes: dict[str, object]) -> str:
+    def card(changes: dict[str, object], **of_run: object) -> str:
         return model_card(
             name="a",
             settings=yaml.safe_load((trained / "config.yaml").read_text()),
-            facts=json.loads((trained / "run.json").read_text()),
+            facts=json.loads((trained / "run.json").read_text()) | of_run,
             dataset={**info, "provenance": {**provenance, **changes}},
             parameters=1,
             training_s=9000.0,
-        )
+        ).replace("\n", " ")
 
     plain = card({})
     assert "| light |" in plain
@@ -153,6 +153,15 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     unknown = card({"config": None})
     assert "| light |" not in unknown
     assert "data.yaml" not in unknown
+    secret = card({"config": {k: v for k, v in provenance["config"].items() if k != "seed"}})
+    assert "| seed | secret |" in secret
+    assert "`data.yaml` is the whole config, without the seed." in secret
+    assert "pliant generate --config" in plain
+    assert "pliant generate --config" not in secret
+    mean = card({}, mean_of=["first", "further"], share_of_the_last=0.3, processes=2)
+    assert "0.7 of `first` and 0.3 of `further`" in mean
+    assert "of the validation split, which chose the weights" in mean
+    assert "12 steps of 2 samples, 2 processes with threads" in mean
 
 
 def test_data_config_makes_the_same_dataset(models: Path, dataset: Dataset) -> None:

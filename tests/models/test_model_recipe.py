@@ -12,9 +12,10 @@ import torch
 
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher
+from pliant.models.don.settings import DonSettings
 from pliant.models.model_recipe import RECIPES, _mean, make_model, read_recipe
 from pliant.models.shipped import FOLDER
-from pliant.spec.configuration import settings_from
+from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.conftest import Called
@@ -89,27 +90,33 @@ def test_mean_of_weights() -> None:
 def test_a_changed_recipe_is_refused_for_finished_stages(
     sheet_dataset: Dataset, tmp_path: Path
 ) -> None:
-    def make(out: Path, width: int = 40, mean_of: str = "[first, further]") -> Path:
+    def make(
+        out: Path, width: int = 40, mean_of: str = "[first, further]", more: str = "{batch: 2}"
+    ) -> Path:
         path = tmp_path / "recipe.yaml"
         path.write_text(
             "name: m\nsettings: {}\nsets: {x: {tiers: [sheet]}}\nstages:\n"
             "  first: {sets: [x]}\n"
-            "  further: {sets: [x], start: first}\n"
+            f"  further: {{sets: [x], start: first, settings: {more}}}\n"
             f"  mean: {{sets: [x], mean_of: {mean_of}, shares: [0.5]}}\n"
         )
-        return make_model(read_recipe(path, [*DON, f"width={width}"]), out, copied)
+        return make_model(read_recipe(path, [*DON[2:], "steps=3", f"width={width}"]), out, copied)
 
     def copied(_: object, folder: Path) -> None:
         if not folder.exists():
             shutil.copytree(sheet_dataset.root, folder)
 
     made = make(tmp_path / "out")
+    mean = read_settings(DonSettings, made / "config.yaml")
+    assert mean.batch == 2  # as of the stage whose steps the card tells
     moved = (tmp_path / "out").rename(tmp_path / "moved")
     assert make(moved).name == made.name
     with pytest.raises(TrainingError, match=r"stages/first/config\.yaml, width.*Remove the"):
         make(moved, width=48)
     with pytest.raises(TrainingError, match=r"stages/mean/run\.json, mean_of"):
         make(moved, mean_of="[further, first]")
+    with pytest.raises(CallError, match="different networks"):
+        make(tmp_path / "other", more="{pairs: {input: grey}}")
     listed = moved / "sets" / "x" / "sequences.parquet"
     pq.write_table(pq.read_table(listed).slice(1), listed)
     with pytest.raises(TrainingError, match="stages/first: the stage was trained on other sequ"):
