@@ -194,6 +194,33 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
     assert browser.errors() == []
 
 
+def test_two_fingers_zoom_and_mark_nothing(browser: Browser, folder: Path) -> None:
+    annotation = Annotation(folder, ["ball"])
+    with shown(browser, annotation):
+        before = browser.run("const b = view.getBoundingClientRect(); return [zoom, b.left, b.top]")
+
+        def touch(kind: str, *at: tuple[int, int]) -> None:
+            points = [
+                {"x": before[1] + x, "y": before[2] + y, "id": n} for n, (x, y) in enumerate(at)
+            ]
+            browser.driver.execute_cdp_cmd(
+                "Input.dispatchTouchEvent", {"type": kind, "touchPoints": points}
+            )
+
+        under = "return [(200 - left) / zoom, (150 - top_) / zoom]"
+        middle = browser.run(under)
+        touch("touchStart", (180, 150))
+        touch("touchStart", (180, 150), (220, 150))
+        touch("touchMove", (160, 150), (240, 150))
+        touch("touchEnd")
+        browser.wait(f"Math.abs(zoom / {before[0]} - 2) < 0.01")
+        assert browser.run(under) == pytest.approx(middle, abs=0.1)
+        browser.hover(before[1] + 300, before[2] + 300)
+        assert browser.run(under) == pytest.approx(middle, abs=0.1)
+        assert browser.run("return Object.keys(own()).length") == 0
+        assert browser.errors() == []
+
+
 def test_a_second_window_does_not_undo_the_marks_of_the_first(
     browser: Browser, folder: Path
 ) -> None:
@@ -278,6 +305,9 @@ def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, fol
         browser.wait(f"{said} === '6 marks saved'")
         assert sources() == ["confirmed", "marked", "confirmed"]
         assert browser.run("return $('confirm').disabled")
+        browser.keys(Keys.DELETE)
+        browser.keys("s")
+        browser.wait(f"{said}.includes('1 point suggested')")
 
 
 @pytest.mark.parametrize("dark", [False, True])

@@ -166,20 +166,35 @@ async function suggest() {
     if (missing.length) change(() => { for (const [point, [u, v]] of missing) own()[point] = [u, v, true, "suggested"]; });
     await saving;
     if (missing.length) { chosen = missing[0][0]; render(); }
-    say([`${missing.length} points suggested: confirm (Enter) or move each`, ...warnings].join(". "), warnings.length > 0);
+    say([`${missing.length} ${missing.length === 1 ? "point" : "points"} suggested: confirm (Enter) or move each`, ...warnings].join(". "), warnings.length > 0);
   } catch (error) { say(error.message, true); }
 }
 
+const fingers = new Map();  // and the mouse: where each was last
 let held = null;
-view.onpointerdown = event => { held = {x: event.clientX, y: event.clientY, left, top_, moved: false}; view.setPointerCapture(event.pointerId); view.focus(); };
+/** Keep what is under two fingers under them. */
+function pinch(event) {
+  const box = view.getBoundingClientRect();
+  const middle = ([p, q]) => [(p.clientX + q.clientX) / 2 - box.left, (p.clientY + q.clientY) / 2 - box.top, Math.hypot(p.clientX - q.clientX, p.clientY - q.clientY) || 1];
+  const [x, y, before] = middle([...fingers.values()]), [u, v, after] = middle([...fingers.set(event.pointerId, event).values()]);
+  left += u - x; top_ += v - y;
+  zoomBy(after / before, u, v);
+}
+view.onpointerdown = event => {
+  fingers.set(event.pointerId, event);
+  held = {x: event.clientX, y: event.clientY, left, top_, moved: fingers.size > 1};
+  view.setPointerCapture(event.pointerId); view.focus();
+};
 view.onpointermove = event => {
   if (!held) return;
+  if (fingers.size > 1) return pinch(event);
   const x = event.clientX - held.x, y = event.clientY - held.y;
   held.moved ||= Math.hypot(x, y) > 5;
   if (held.moved) { left = held.left + x; top_ = held.top_ + y; draw(); }
 };
-view.onpointerup = event => {
-  const box = view.getBoundingClientRect(), clicked = held && !held.moved && event.button === 0;
+view.onpointerup = view.onpointercancel = event => {
+  const box = view.getBoundingClientRect(), clicked = held && !held.moved && event.button === 0 && event.type === "pointerup";
+  fingers.delete(event.pointerId);
   held = null;
   if (clicked) place((event.clientX - box.left - left) / zoom, (event.clientY - box.top - top_) / zoom);
 };

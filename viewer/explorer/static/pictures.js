@@ -146,7 +146,7 @@ function draw() {
 
 /** Enlarge what is around a place, in the corner of the picture that is farthest from it. */
 function lens(pen, side, centre, scale, width, height, marks) {
-  const size = Math.min(190, 0.34 * width), zoom = LENS * Math.max(scale, 0.5), reach = size / zoom;
+  const size = Math.min(190, 0.34 * width, height - 12), zoom = LENS * Math.max(scale, 0.5), reach = size / zoom;
   const left = centre[0] * scale < width / 2 ? width - size - 6 : 6, top = centre[1] * scale < height / 2 ? height - size - 6 : 6;
   const corner = [centre[0] - reach / 2, centre[1] - reach / 2];
   pen.save();
