@@ -126,6 +126,21 @@ def test_a_pair_opens_at_a_point_that_both_pictures_show(page: Page) -> None:
     page.browser.wait(f"{CELLS}[0].children[4].textContent === 'yes'")
 
 
+def test_the_magnifier_fits_into_low_pictures(page: Page) -> None:
+    page.open()
+    page.answered()
+    page.browser.run("document.getElementById('pictures').style.setProperty('--aspect', '12')")
+    lowest_row = (
+        "[...canvas.getContext('2d').getImageData(0, canvas.height - 1, canvas.width, 1).data]"
+    )
+    page.browser.wait(
+        "(() => { const canvas = document.querySelector('#picture-b canvas');"
+        " return canvas.clientHeight < 100 && canvas.height === canvas.clientHeight"
+        f" && {lowest_row}.every(each => each === 0); }})()",
+        10,
+    )
+
+
 def test_another_pair_shows_nothing_of_the_one_before(page: Page) -> None:
     page.open()
     page.answered()
