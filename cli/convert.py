@@ -30,7 +30,7 @@ TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"
 )
 @click.option(
     "--frame-rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=float,
     default=15.0,
     show_default=True,
     metavar="HZ",

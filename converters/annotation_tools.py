@@ -125,6 +125,14 @@ def read_coco(path: Path) -> Annotations:
                 found=f"{annotation.image_id!r:.60}",
                 required="the id of one of its images",
             )
+        if categories and annotation.category_id not in {None, *categories}:
+            raise SpecError(
+                "an annotation is of no category of the file",
+                path=path,
+                where=f"{where}.category_id",
+                found=f"{annotation.category_id!r:.60}",
+                required="the id of one of its categories",
+            )
         values = annotation.keypoints or []
         if len(values) % 3:
             raise SpecError(

@@ -149,10 +149,18 @@ def convert(
         The size of all files, bytes.
 
     Raises:
-        CallError: The folder has files in it, or the form cannot hold these sequences.
+        CallError: The folder has files in it, the frame rate is not possible, or the form cannot
+            hold these sequences.
         MissingExtraError: A package is not installed.
         SpecError: A file of the dataset is damaged.
     """
+    if not 1e-3 <= options.frame_rate_hz <= 1e6:  # nan neither
+        raise CallError(
+            "the frame rate is not possible",
+            where="--frame-rate",
+            found=options.frame_rate_hz,
+            required="0.001 to 1,000,000 Hz",
+        )
     require_packages(target.packages, f"conversion to {target.title}", "convert")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise CallError("the folder is not empty", path=out, fix="Name a new folder.")

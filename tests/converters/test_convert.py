@@ -23,6 +23,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
 from pliant.spec.io.reading import read_bytes
+from tests.conftest import Called
 
 
 @pytest.fixture(scope="module")
@@ -204,6 +205,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     opened = re.search(r'WebDataset\("(.+)"\)', capsys.readouterr().out)
     assert opened
     assert Path(opened[1].replace("SPLIT", "val")).is_file()
+
+
+@pytest.mark.parametrize("rate", ["0", "-5", "nan", "inf", "1e-300"])
+def test_impossible_frame_rates(rate: str, tmp_path: Path, called: Called) -> None:
+    out = tmp_path / "out"
+    code, _, error = called("convert", "sample", "--to", "glb", "--out", out, "--frame-rate", rate)
+    assert code == 2
+    assert "--frame-rate: the frame rate is not possible" in error
+    assert not out.exists()
 
 
 def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
