@@ -22,7 +22,7 @@ _SUBMISSIONS, _STYLE, _KEY = _OTHERS = ("submissions", "service.css", "key.pem")
 
 
 def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
-    """Write a page and a CSV per version of scoring, and the receipts of each submission.
+    """Write a page and a CSV per version of scoring, and the receipt of each score.
 
     Only what the service shows to everybody is in it.
 
@@ -69,16 +69,12 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
             csv.write_text(board_csv(board, version), encoding="utf-8")
         (folder / _SUBMISSIONS).mkdir()
         public = (
-            select(Score.submission_id, Score.receipt)
+            select(Score.submission_id, Score.version_id, Score.receipt)
             .join(Submission, Submission.id == Score.submission_id)
             .where(Submission.withdrawn_ms.is_(None))
-            .order_by(Score.submission_id, Score.version_id)
         )
-        receipts: dict[int, list[object]] = {}
-        for number, receipt in session.execute(public):
-            receipts.setdefault(number, []).append(receipt)
-        for number, found in receipts.items():
-            write_json(folder / _SUBMISSIONS / f"{number}.json", found)
+        for number, way, receipt in session.execute(public):
+            write_json(folder / _SUBMISSIONS / f"{number}-{way}.json", receipt)
         (folder / _STYLE).write_bytes(static_file(_STYLE))
         (folder / _KEY).write_bytes(challenge.public_key.read_bytes())
     return pages

@@ -133,7 +133,7 @@ def render_leaderboard(
     ]
     return render_page(
         "leaderboard.html.j2",
-        d=document,
+        d=reports[0].document,
         title=title or document["dataset"]["title"],
         columns=[(group, heading(metric, protocol)) for group, metric in columns],
         groups=[OVERALL, *tiers],

@@ -78,7 +78,9 @@ def test_scores_that_tell_answers_are_refused_where_the_truth_is_hidden(
 ) -> None:
     assert run(["leaderboard", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
     site = served(reports, tmp_path / "open")
-    assert 'class="pair"' in (site / "reports/mine-co/report.html").read_text()
+    report = (site / "reports/mine-co/report.html").read_text()
+    assert 'class="pair"' in report
+    assert "Small figures: 95 % intervals" in report
     assert len(list(site.rglob("per_pair.parquet"))) == 2
 
 
@@ -98,6 +100,8 @@ def test_hidden_truth_stays_hidden(scene: Any, tmp_path: Path) -> None:
         write_report(scores, capped / name, data=scene.root)
     site = served(capped, tmp_path / "site", "--hide-truth", "--title", "Who is first?")
     board = (site / "index.html").read_text()
+    for page in site.rglob("*.html"):  # they have no intervals to explain
+        assert "Small figures" not in page.read_text()
     assert "<h1>Who is first?</h1>" in board
     assert "<title>Who is first?: " in board
     assert 'data-key="131.7">131.7' in board

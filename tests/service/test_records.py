@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import stat
 import tarfile
@@ -369,9 +370,11 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
     page = (tmp_path / "site" / "index.html").read_text()
     assert "Ada" in page
     assert 'href="/' not in page
-    receipts = json.loads((tmp_path / "site" / "submissions" / "1.json").read_text())
-    verify_receipt(receipts[0], read_public_key(tmp_path / "site" / "key.pem"))
-    assert not (tmp_path / "site" / "submissions" / "3.json").exists()
+    linked = re.findall(r'href="(submissions/.*?|key\.pem)"', page)
+    assert sorted(linked) == ["key.pem", "submissions/1-1.json", "submissions/2-1.json"]
+    receipt, _, key = (str(tmp_path / "site" / each) for each in linked)
+    assert run(["verify", receipt, "--key", key]) == 0
+    assert len(os.listdir(tmp_path / "site" / "submissions")) == 2  # the third was refused
     rescore_challenge(trial.challenge, None, "paper", None, "more figures")
     for _ in range(2):  # an earlier site is replaced, and nothing else
         assert len(write_challenge_site(trial.challenge, tmp_path / "site")) == 2
