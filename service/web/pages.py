@@ -16,7 +16,6 @@ from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from pliant.service.audit import log_time
 from pliant.service.leaderboard import history
 from pliant.service.ledger import attempts
-from pliant.service.models import Team
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity, begin_session, end_session
 from pliant.service.versions import versions_of
@@ -39,7 +38,7 @@ from pliant.service.web.security import (
 )
 from pliant.service.web.state import Site
 from pliant.service.web.uploads import receive_file
-from pliant.service.web.views import find_submission, is_own, submission_view
+from pliant.service.web.views import find_submission, find_team, is_own, submission_view
 from pliant.spec.storage.manifest import read_checksums
 
 _CHUNK: Final = 1 << 20
@@ -83,9 +82,7 @@ def team(
 ) -> HTMLResponse:
     """Show the history of a team."""
     with site.database.read() as session:
-        found = session.get(Team, number)
-        if found is None:
-            raise NotAcceptedError("NOT_FOUND", 404, "no such team")
+        found = find_team(session, number, who)
         way = version_of(session, site, None, version)
         rows = history(session, way, number)
         return page(site, "team.html.j2", who, team=found, rows=rows, version=way)

@@ -77,6 +77,24 @@ def is_own(submission: Submission, who: Identity | None) -> bool:
     return who is not None and (who.is_host or who.team_id == submission.team_id)
 
 
+def find_team(session: Session, number: int, who: Identity | None) -> Team:
+    """Return a team that has a submission that everybody may see, or one's own.
+
+    Raises:
+        NotAcceptedError: There is none.
+    """
+    found = session.get(Team, number)
+    public = select(Submission.id).where(
+        Submission.team_id == number,
+        Submission.state == State.SCORED,
+        Submission.withdrawn_ms.is_(None),
+    )
+    own = who is not None and (who.is_host or who.team_id == number)
+    if found is None or not (own or session.scalar(public.limit(1))):
+        raise NotAcceptedError("NOT_FOUND", 404, "no such team")
+    return found
+
+
 def find_submission(
     session: Session, number: int, who: Identity | None, *, public: bool = True
 ) -> Submission:

@@ -101,7 +101,11 @@ def test_other_teams_and_visitors_see_only_what_is_public(trial: Trial, client: 
     waiting = submit(client, ada, b"good").json()["id"]
     for headers in ({}, bearer(grace)):
         assert client.get(f"{API}/submissions/{waiting}", headers=headers).status_code == 404
+        assert client.get("/teams/2", headers=headers).status_code == 404  # not even Ada's name
+    for token in (ada, trial.host):
+        assert "Ada" in client.get("/teams/2", headers=bearer(token)).text
     trial.work()
+    assert "Ada" in client.get("/teams/2").text
     refused = submit(client, ada, b"bad").json()["id"]
     trial.work()
     for headers in ({}, bearer(grace)):
