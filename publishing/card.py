@@ -23,6 +23,7 @@ from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FRAMES, ROWS, hub_features
+from pliant.spec.text import plural
 
 _PICTURES: Final = 12
 _QUALITY: Final = 88
@@ -228,7 +229,7 @@ def _files(root: Path) -> Iterator[tuple[str, int, str]]:
     tables = {name: [root / name] for name in (layout.SEQUENCES_TABLE, layout.INDEX_TABLE)}
     for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PAIRS_DIR, *layout.SHARD_DIRS):
         if paths := sorted((root / folder).glob("*.parquet")):
-            tables[f"{folder}/ ({len(paths)} files)"] = paths
+            tables[f"{folder}/ ({plural(len(paths), 'file')})"] = paths
     for name, paths in tables.items():
         rows = sum(pq.ParquetFile(path).metadata.num_rows for path in paths)
         yield name, rows, decimal(sum(path.stat().st_size for path in paths))

@@ -17,7 +17,11 @@ _LISTED = "val/rmse_px_"
 
 
 def write_timecycle_report(
-    run: Path, history: Sequence[Mapping[str, float]], guard: Guard, facts: Mapping[str, Any]
+    run: Path,
+    history: Sequence[Mapping[str, float]],
+    guard: Guard,
+    facts: Mapping[str, Any],
+    chosen: bool,
 ) -> None:
     """Write `RUN/report.html`, one self-contained page.
 
@@ -26,6 +30,7 @@ def write_timecycle_report(
         history: The logged values of the run.
         guard: The run compared with the trivial answers.
         facts: Label -> value, shown as a table.
+        chosen: Whether each network had its read-out chosen at the end.
     """
     listed = {
         int(key.removeprefix(_LISTED)) for row in history for key in row if key.startswith(_LISTED)
@@ -35,12 +40,18 @@ def write_timecycle_report(
         name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
     }
     axes = "frames since the query", "RMSE, px of 640"
+    propagation = (
+        "for each network the read-out was chosen that is best on these episodes (the curves of "
+        "the validation are before that)."
+        if chosen
+        else "both networks have the same propagation."
+    )
     sections = [
         Section(
             "Does the cycle beat the trivial answers?",
             "RMSE of points tracked through validation episodes, by frames since the query, in "
-            "pixels of a picture 640 wide; all methods have the same frames, points and "
-            "propagation.",
+            "pixels of a picture 640 wide; all methods have the same frames and points; "
+            + propagation,
             lead=guard.verdict(),
             table=[
                 ["", *(f"after {frames}" for frames in guard.listed)],

@@ -130,7 +130,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         write_json(run / RUN_FACTS, facts)
         from pliant.models.timecycle.report import write_timecycle_report
 
-        write_timecycle_report(run, history, guard, facts)
+        write_timecycle_report(run, history, guard, facts, self.settings.propagation.chosen)
 
 
 def first_network(settings: TimeCycleSettings) -> TimeCycleNetwork:

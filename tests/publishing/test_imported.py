@@ -94,6 +94,7 @@ def test_scores_by_the_private_half_are_those_by_the_imported_answers(
 
 def test_the_papers_say_what_is_known(published: Path) -> None:
     card = (published / "README.md").read_text()
+    assert "`queries/ (1 file)`" in card
     front = yaml.safe_load(card.split("---\n")[1])
     assert (front["license"], front["license_name"]) == ("other", "licenseref-unknown")
     assert "its points are annotations" in card

@@ -136,6 +136,19 @@ def test_the_guard_says_what_is_not_beaten() -> None:
     assert better.as_dict()["rmse_px_of_640"]["identity"] == {"1": 1.0, "5": 5}  # type: ignore[index]
 
 
+@pytest.mark.parametrize(
+    ("chosen", "says"),
+    [(True, "for each network the read-out was chosen"), (False, "have the same propagation")],
+)
+def test_the_report_says_how_the_networks_were_read(
+    tmp_path: Path, chosen: bool, says: str
+) -> None:
+    curves = {name: [1.0, 2.0] for name in ("trained", "identity", "centroid", "untrained")}
+    history = [{"step": 10, "val/rmse_px_1": 1.0}]
+    report.write_timecycle_report(tmp_path, history, Guard(curves), {}, chosen)
+    assert says in (tmp_path / "report.html").read_text()
+
+
 def test_validation_needs_long_enough_episodes(tiny_dataset: Path, tiny_episode: Path) -> None:
     settings = TrackValidationSettings(split="test", frames=24)
     store = FrameStore(Dataset.open(tiny_episode), "rope", "test", (96, 64))
