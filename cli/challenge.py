@@ -224,8 +224,14 @@ def restore(source: Path, out: Path, passphrase_file: Path | None, database: str
     require_service()
     from pliant.service.archive import restore_challenge
 
-    restore_challenge(source, out, _passphrase(passphrase_file), database)
-    echo(f"{out}: restored. Next: {to_call('pliant', 'serve', out, *_database_named(database))}")
+    new_key = restore_challenge(source, out, _passphrase(passphrase_file), database)
+    text = f"{out}: restored.\n"
+    if new_key:
+        text += (
+            "Receipts are signed with a new key; an archive's own needs --passphrase-file. "
+            f"Earlier receipts are verified with {out}/keys/earlier-*.pem.\n"
+        )
+    echo(f"{text}Next: {to_call('pliant', 'serve', out, *_database_named(database))}")
 
 
 @command.command("upgrade")

@@ -114,8 +114,8 @@ def write_archive(challenge: Challenge, out: Path, passphrase: bytes | None) -> 
 
 def restore_challenge(
     source: Path, out: Path, passphrase: bytes | None, database_url: str | None
-) -> None:
-    """Make a challenge of a backup or an archive.
+) -> bool:
+    """Make a challenge of a backup or an archive; return whether its key for receipts is new.
 
     Args:
         source: The backup's folder or the archive's file.
@@ -142,12 +142,13 @@ def restore_challenge(
         if (place / "site").is_dir():  # an archive has one, a backup has none
             shutil.rmtree(place / "site")
         (place / "incoming").mkdir(exist_ok=True)
-        _restore_keys(place / "keys", passphrase)
+        new_key = _restore_keys(place / "keys", passphrase)
         read_tables(session, place / _TABLES)
         verify_log(session)
         key = key_id(read_public_key(place / "keys" / PUBLIC_KEY))
         record(session, HOST, "restored", "challenge", source=source.name, key_id=key)
         shutil.rmtree(place / _TABLES)
+    return new_key
 
 
 def _write(challenge: Challenge, out: Path, copy: Copy) -> None:
@@ -220,15 +221,18 @@ def _verify_files(place: Path) -> None:
             raise SpecError("a file is missing or was changed", path=name, required=sha256)
 
 
-def _restore_keys(folder: Path, passphrase: bytes | None) -> None:
+def _restore_keys(folder: Path, passphrase: bytes | None) -> bool:
+    """Decrypt the private key, or make a new one; return whether it is new."""
     private, encrypted = folder / PRIVATE_KEY, folder / _ENCRYPTED
     if encrypted.is_file() and passphrase is not None:
         write_secret(private, decrypted_key(encrypted.read_bytes(), passphrase))
     encrypted.unlink(missing_ok=True)
-    if not private.is_file():
-        old = folder / PUBLIC_KEY
-        old.rename(folder / f"earlier-{key_id(read_public_key(old))}.public.pem")
-        write_keys(folder)
+    if private.is_file():
+        return False
+    old = folder / PUBLIC_KEY
+    old.rename(folder / f"earlier-{key_id(read_public_key(old))}.public.pem")
+    write_keys(folder)
+    return True
 
 
 def _metadata(challenge: Challenge) -> dict[str, Any]:

@@ -275,6 +275,9 @@ def test_commands_of_the_host(
     assert run(["challenge", "restore", f"{archived}2", *secret, again]) == 0
     key = Path("keys", "receipts.private.pem")
     assert (Path(again) / key).read_bytes() == (root / key).read_bytes()
+    assert "new key" not in capsys.readouterr().out
+    assert run(["challenge", "restore", f"{archived}2", "--out", f"{again}3"]) == 0
+    assert "new key; an archive's own needs --passphrase-file" in capsys.readouterr().out
     assert run(["challenge", "upgrade", again]) == 0
     void = ["--passphrase-file", empty, "--out", f"{again}2"]
     assert "the passphrase is empty" in refused(2, "challenge", "restore", archived, *void)
