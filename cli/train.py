@@ -246,7 +246,7 @@ class _Progress:
 @command.command("export")
 @click.argument("run", type=PATH)
 @click.option("--name", required=True, help="Name of the model, such as don-rope.")
-@data_option("Dataset that it was trained on.")
+@data_option("Dataset that it was trained on, or the YAML file.")
 @out_option("FOLDER", "Output folder; writes OUT/NAME.")
 @path_option(
     "--scores",
@@ -263,12 +263,12 @@ def export(
     The folder can be used like the run: `pliant predict OUT/NAME`. A model in `models/shipped/`
     of the package is used by its name.
     """
+    from pliant.api import load
     from pliant.evaluator.scores import SCORES_JSON, read_scores
     from pliant.models.export import export_run
-    from pliant.spec.dataset import Dataset
 
     reports = [read_scores(path.parent if path.name == SCORES_JSON else path) for path in scores]
-    folder = export_run(run, name, out, Dataset.open(data), reports)
+    folder = export_run(run, name, out, load(data), reports)
     size = sum(path.stat().st_size for path in folder.iterdir())
     text = f"{folder}: {size / 1e6:.1f} MB; read {folder / 'CARD.md'}"
     echo_result({"model": str(folder), "name": name, "bytes": size}, text, as_json=as_json)

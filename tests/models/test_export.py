@@ -233,6 +233,17 @@ def test_export_command(
     assert shipped_names() == ("a-model",)
 
 
+def test_export_of_a_run_on_simulated_frames(
+    trained: Path, models: Path, tmp_path: Path, called: Called
+) -> None:
+    """`--data` is what the training was given: a YAML file too."""
+    config = models / "don-tiny" / "data.yaml"
+    call = ("train", "export", trained, "--name", "a-model", "--out", tmp_path)
+    assert called(*call, "--data", config)[0] == 0
+    written = tmp_path / "a-model" / "data.yaml"
+    assert yaml.safe_load(written.read_text()) == yaml.safe_load(config.read_text())
+
+
 def test_what_cannot_be_shipped_is_refused(
     trained: Path, models: Path, dataset: Dataset, sheet_dataset: Dataset, tmp_path: Path
 ) -> None:
