@@ -236,6 +236,7 @@ def test_the_papers(halves: Any) -> None:
             assert list(halves.public.glob(part["path"])), part
     assert "| cloth-3 | 2, 4 | 1, 2 | 2, 4 | 289 |" in card
     assert "288 queries in 12 image pairs, answers held out" in card
+    assert "means over the splits whose answers are public." in " ".join(card.split())
     for name in ("overview.jpg", "test.jpg"):
         assert f"pictures/{name}" in card
         with Image.open(halves.public / "pictures" / name) as picture:
