@@ -18,6 +18,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 
 from pliant.spec.errors import TrainingError
+from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.staging import discard, staged
 from pliant.spec.io.writing import replacing
 
@@ -210,10 +211,13 @@ def read_checkpoint(folder: Path) -> TrainingState:
 
 
 def read_progress(run: Path) -> dict[str, Any]:
-    """Return the newest checkpoint of a run without its tensors; empty before the first."""
+    """Return the newest checkpoint of a run without its tensors; empty before the first.
+
+    Raises:
+        SpecError: It is damaged.
+    """
     folder = latest_checkpoint(run)
-    document: dict[str, Any] = json.loads((folder / "state.json").read_text()) if folder else {}
-    return document
+    return read_json(folder / "state.json") if folder else {}
 
 
 def _split(optimiser: dict[str, Any]) -> tuple[Weights, dict[str, Any]]:

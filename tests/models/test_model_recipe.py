@@ -17,7 +17,7 @@ from pliant.models.model_recipe import RECIPES, _mean, make_model, read_recipe
 from pliant.models.shipped import FOLDER
 from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.errors import CallError, SpecError, TrainingError
 from tests.conftest import Called
 from tests.known import known
 from tests.models.tiny_runs import DON, options
@@ -117,6 +117,10 @@ def test_a_changed_recipe_is_refused_for_finished_stages(
         make(moved, mean_of="[further, first]")
     with pytest.raises(CallError, match="different networks"):
         make(tmp_path / "other", more="{pairs: {input: grey}}")
+    state = next(moved.glob("stages/further/checkpoints/*/state.json"))
+    state.write_text("{")
+    with pytest.raises(SpecError, match=r"state\.json: this is not strict JSON"):
+        make(moved)
     listed = moved / "sets" / "x" / "sequences.parquet"
     pq.write_table(pq.read_table(listed).slice(1), listed)
     with pytest.raises(TrainingError, match="stages/first: the stage was trained on other sequ"):
