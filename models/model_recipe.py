@@ -169,6 +169,14 @@ def read_recipe(
         _check_known(set(each.sets), set(recipe.sets), path, f"stages.{name}.sets")
         values = merged(recipe.settings, each.settings)
         settings_from(DonSettings, values, path=path, overrides=overrides)
+        if decided := sorted({"tier", "also", "cache_dir"} & set(values)):
+            raise CallError(
+                "a recipe sets this itself, by the sets of the stage and --out",
+                path=path,
+                where=f"stages.{name}, {decided[0]}",
+                found=values[decided[0]],
+                fix="Leave it out.",
+            )
         earlier.add(name)
     if recipe.masks is not None:
         _check_known(set(recipe.masks.sets), set(recipe.sets), path, "masks.sets")

@@ -135,6 +135,10 @@ def test_a_changed_recipe_is_refused_for_finished_stages(
         ("stages: {a: {sets: [x], mean_of: [b]}}", "two stages"),
         ("stages: {a: {sets: [x], begin: b}}", "unknown setting"),
         ("stages: {a: {sets: [x], settings: word}}", "stages.a.settings.*word"),
+        (
+            "stages: {a: {sets: [x], settings: {tier: rope}}}",
+            "stages.a, tier: a recipe sets this itself",
+        ),
         ("stages: {a: {sets: []}}", "stages.a.sets.*at least one set"),
         ("stages: {}", "at least one stage"),
         ("stages: [a]", "stages"),
