@@ -76,19 +76,23 @@ def renew(database: Database, lease: Lease, limits: Scoring) -> bool:
         return job is not None
 
 
-def give_back(database: Database, lease: Lease, error: str) -> None:
+def give_back(database: Database, lease: Lease, error: str, *, later: bool) -> None:
     """Let another worker take a job; this try counts.
 
     Args:
         database: The database.
         lease: The job's lease.
         error: What happened, for the host.
+        later: Whether the lease runs out first: the next try would meet the same fault now.
     """
     with database.write(take_turns=False) as session:
         job = held(session, lease)
         if job is None:
             return
-        job.state, job.lease, job.lease_until_ms, job.error = "queued", None, None, error
+        job.error = error
+        if later:
+            return
+        job.state, job.lease, job.lease_until_ms = "queued", None, None
         submission = session.get_one(Submission, job.submission_id)
         if submission.state == State.RUNNING:
             submission.state = State.QUEUED

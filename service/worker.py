@@ -146,7 +146,8 @@ class Worker:
         error = f"{type(outcome).__name__}: {error}"
         log.error("job failed", extra={"job": lease.job_id, "error": error})
         if not final and lease.tries < self._limits.tries:
-            queue.give_back(database, lease, error[:2000])
+            later = isinstance(outcome, OSError)  # a full disk must not fail all that waits
+            queue.give_back(database, lease, error[:2000], later=later)
             return
         shown = "Scoring failed. The host sees why; no attempt was charged."
         if isinstance(outcome, LimitError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from pliant.converters.formats import read_source
 from pliant.converters.targets.lerobot import DEPTH, RGB, TRACKS
 from pliant.converters.targets.recording import Options, Recording
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
 from pliant.spec.io.reading import read_bytes
 from tests.conftest import Called
@@ -205,6 +206,25 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     opened = re.search(r'WebDataset\("(.+)"\)', capsys.readouterr().out)
     assert opened
     assert Path(opened[1].replace("SPLIT", "val")).is_file()
+
+
+@pytest.mark.parametrize(
+    ("target", "part"),
+    [
+        *(("webdataset", part) for part in ("rgb/000001.png", "depth/000001.exr")),
+        *((target, "rgb/000001.png") for target in ("lerobot", "coco", "tapvid")),
+    ],
+)
+def test_a_damaged_picture_is_refused(
+    target: str, part: str, tiny_episode: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(tiny_episode, tmp_path / "set")
+    sequence = Dataset.open(tmp_path / "set").sequences[0]
+    path = sequence.dir / part
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(SpecError, match=part):
+        convert([sequence], TARGETS[target], tmp_path / "out", Options(points=8))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("rate", ["0", "-5", "nan", "inf", "1e-300"])
