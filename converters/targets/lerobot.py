@@ -102,6 +102,7 @@ def _images(sequence: SequenceRecord) -> dict[str, pa.Array]:
     rgb, depth = [], []
     for frame in range(sequence.frames):
         name = layout.rgb_name(frame)
+        sequence.rgb(frame)  # a damaged picture is not handed on
         data = read_bytes(sequence.file(name), MAX_IMAGE_FILE_BYTES)
         rgb.append({"bytes": data, "path": name})
         tiff = encoded(Image.fromarray(sequence.surface(frame).depth_m), "TIFF")

@@ -44,6 +44,7 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
 
 def _files(recording: Recording, frame: int) -> Mapping[str, bytes]:
     sequence = recording.sequence
+    sequence.rgb(frame), sequence.surface(frame)  # a damaged picture is not handed on
     camera = sequence.camera(frame)
     document = {
         "sequence": sequence.id,
