@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -193,7 +195,9 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     def scorer(task: Task, limits: Scoring) -> Result:
         raise error
 
-    trial.work(scorer)
+    for _ in range(3):
+        trial.work(scorer)
+        end_leases(trial)
     found = state_of(trial, number)
     assert found.state == State.FAILED
     assert found.failure is not None
@@ -204,6 +208,21 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     logged = [str(vars(each)) for each in caplog.records if each.message == "job failed"]
     assert len(logged) == tries
     assert "given.parquet" not in "".join(logged)
+
+
+def test_a_full_disk_of_a_worker_fails_nothing_that_waits(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    numbers = [trial.send(b"good"), trial.send(b"fine")]
+
+    def full(task: Task, limits: Scoring) -> Result:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    trial.work(full)
+    assert trial.values(select(Job.tries)) == [1, 1]
+    assert "No space left" in trial.values(select(Job.error))[0]
+    end_leases(trial)
+    trial.work()
+    assert [state_of(trial, number).state for number in numbers] == [State.SCORED] * 2
 
 
 def hang(task: Task) -> Result:
