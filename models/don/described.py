@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 
@@ -24,6 +25,10 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
+_TABLE_SHARE, _LEAST_TABLE = (
+    0.15,
+    1e-4,
+)  # of the width: how far "nearby" is; the weight of all of it
 _KEPT_UPRIGHT = 4  # both views of a pair, each as it is and as from above
 
 
@@ -74,6 +79,22 @@ def _bytes_of(described: DescribedView) -> int:
     return sum(each.nbytes for each in maps)
 
 
+def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
+    """Return a picture (h, w, 3) in which the table has its mean colour nearby.
+
+    One pixel around the objects stays, which shows part of them.
+    """
+    table = cv2.erode((~objects).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+    if not table.any() or not objects.any():
+        return rgb
+    sigma_px = _TABLE_SHARE * rgb.shape[1]
+    share = cv2.GaussianBlur(table, (0, 0), sigma_px)[..., None]
+    shown = table[..., None] * rgb
+    far = _LEAST_TABLE * shown.sum(axis=(0, 1)) / table.sum()
+    mean = (cv2.GaussianBlur(shown, (0, 0), sigma_px) + far) / (share + _LEAST_TABLE)
+    return np.where(table[..., None] > 0, np.rint(mean), rgb).astype(np.uint8)
+
+
 class ViewDescriber:
     """Describes views with a network, and remembers the last ones by their keys.
 
@@ -83,6 +104,7 @@ class ViewDescriber:
         size: (w, h) of its input.
         rotations: 1, 2 or 4 quarter-turned copies.
         mirrored: Describe mirrored copies too.
+        plain_table: Show the network objects on a table without pattern.
 
     Attributes:
         masks: Finds objects in pictures, or None: the descriptor network's foreground does.
@@ -94,9 +116,12 @@ class ViewDescriber:
         given: NetworkInput,
         size: tuple[int, int],
         rotations: int,
+        *,
         mirrored: bool,
+        plain_table: bool,
     ) -> None:
         self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
+        self.plain_table = plain_table
         self.masks: MaskNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
@@ -212,6 +237,8 @@ class ViewDescriber:
         if mask is None and self.given.masks and self.network.foreground:
             logits = self._out(self.given.image(rgb, depth_m)).foreground[0].cpu()
             mask, objects = (logits > 0).numpy()
+        if self.plain_table and rgb is not None and mask is not None:
+            rgb = on_plain_table(rgb, mask if objects is None else mask | objects)
         image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
         return _UprightView(image, mask, objects, self._descriptors(image, 0))
 

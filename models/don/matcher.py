@@ -64,8 +64,14 @@ class DonMatcher:
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
+        answer = settings.answer
         self._views = ViewDescriber(
-            self.network, self.input, self.size, settings.answer.rotations, settings.answer.mirrored
+            self.network,
+            self.input,
+            self.size,
+            answer.rotations,
+            mirrored=answer.mirrored,
+            plain_table=answer.plain_table,
         )
         self.reader = RopeReader(self.network, self._views, settings.answer)
 

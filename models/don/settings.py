@@ -151,6 +151,8 @@ class AnswerSettings(Settings):
             training shows. `any`: nothing does. An answer then has the four places as modes.
         one_side: Answer all points of a cloth on the side that most of the pair agrees on, see
             `models/don/sides.py`.
+        plain_table: Show the network the object on a table without pattern: outside of the mask the
+            picture has its mean colour nearby. For cloths; answers on ropes become no better.
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
             small network trained at the end of the run (`models/don/crossing_training.py`).
         distribution: `modes` or `none`: what the answers say of their certainty.
@@ -165,6 +167,7 @@ class AnswerSettings(Settings):
     fill: Annotated[Range, Bounds(0, 1, above=True)] = (0.54, 0.74)
     blank_square: Literal["no", "upright", "any"] = "no"
     one_side: bool = False
+    plain_table: bool = False
     crossings: bool = False
     distribution: Literal["modes", "none"] = "modes"
 

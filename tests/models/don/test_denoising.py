@@ -41,7 +41,9 @@ def test_a_picture_without_noise_is_left_as_it_is() -> None:
 
 def test_objects_are_looked_for_in_the_smoothed_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     matcher = shipped_don("don-rope")
-    views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
+    views = ViewDescriber(
+        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
+    )
     picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source.rgb
     assert views.segmented(Frame(picture, key="s/0")).mask is not None
     monkeypatch.setattr(described, "denoised", lambda rgb: np.full_like(rgb, 128))

@@ -152,7 +152,9 @@ def test_a_network_for_masks_is_asked_only_where_it_is_sure() -> None:
 
 def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
     matcher = shipped_don("don-cloth")
-    views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
+    views = ViewDescriber(
+        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
+    )
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     left, right = (np.hypot(rows - 240, columns - u) < 90 for u in (180, 460))
     rgb = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
@@ -182,7 +184,9 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     overlaps, errors, gaps = [], [], []
     for pair in draw_validation_pairs(store, pairs=2, queries=40, seed=1):
         source, target = (Frame(view.rgb, key=view.key) for view in (pair.source, pair.target))
-        views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
+        views = ViewDescriber(
+            matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
+        )
         mask = known(views.segmented(target).mask)
         overlaps.append(overlap(mask, known(pair.target.mask)))
         answers = matcher.answer(Pair(source, target, pair.uv_a_px))

@@ -122,6 +122,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "fill": [0.54, 0.74],
         "blank_square": "no",
         "one_side": False,
+        "plain_table": False,
     }
     json.dumps(described)
     assert facts["validation"]["rmse_px"] > 0
