@@ -52,6 +52,7 @@ from pliant.spec.configuration import (
 from pliant.spec.constraints import Count, Refused, Share
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.frame import Frame
 
 Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
 
@@ -93,12 +94,14 @@ class MaskStage(Settings):
         steps: Steps.
         of: What it finds.
         later: Steps of each cycle with pictures in other light and without colour.
+        later_sets: Names of sets that only these cycles see.
     """
 
     sets: tuple[str, ...]
     steps: Count
     of: Literal["rope", "cloth"]
     later: tuple[Count, ...] = ()
+    later_sets: tuple[str, ...] = ()
 
 
 class ModelRecipe(Settings):
@@ -179,7 +182,8 @@ def read_recipe(
             )
         earlier.add(name)
     if recipe.masks is not None:
-        _check_known(set(recipe.masks.sets), set(recipe.sets), path, "masks.sets")
+        for key in ("sets", "later_sets"):
+            _check_known(set(getattr(recipe.masks, key)), set(recipe.sets), path, f"masks.{key}")
     return recipe
 
 
@@ -270,13 +274,15 @@ def _portable(settings: DonSettings) -> dict[str, Any]:
 
 
 def _train_masks(stage: MaskStage, out: Path, run: Path, progress: StepProgress | None) -> None:
-    sets = [Dataset.open(out / "sets" / name) for name in stage.sets]
+    def frames(names: Sequence[str]) -> list[Sequence[Frame]]:
+        return [Dataset.open(out / "sets" / name).frames("train") for name in names]
+
     seed = read_settings(DonSettings, run / CONFIG).seed
-    frames = [each.frames("train") for each in sets]
     network = fit_masks(
-        frames,
+        frames(stage.sets),
         steps=stage.steps,
         later=stage.later,
+        later_sets=frames(stage.later_sets),
         seed=seed,
         sampling=SAMPLINGS[stage.of],
         progress=progress,

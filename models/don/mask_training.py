@@ -64,6 +64,7 @@ def fit_masks(
     *,
     steps: int,
     later: Sequence[int] = (),
+    later_sets: Sequence[Sequence[Frame]] = (),
     seed: int,
     sampling: Sampling,
     progress: StepProgress | None = None,
@@ -75,6 +76,7 @@ def fit_masks(
             random, so that a few pictures of another renderer count as much as many of one.
         steps: Steps of 6 samples; 1,500 take 13 to 25 minutes on one core.
         later: Steps of each cycle that follows, with pictures in other light and without colour.
+        later_sets: Further sets, which only these cycles see.
         seed: Seed of all draws.
         sampling: How samples are drawn, `SAMPLINGS` of the kind of object.
         progress: Called after each step.
@@ -86,10 +88,11 @@ def fit_masks(
         done = 0
         for cycle, count in enumerate((steps, *later)):
             rate = _LATER_RATE if cycle else _RATE
+            shown = [*sets, *later_sets] if cycle else sets
             optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.02)
             schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=count)
             for _ in range(count):
-                drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
+                drawn = [shown[k] for k in rng.integers(0, len(shown), _BATCH)]
                 chosen = [frames[rng.integers(len(frames))] for frames in drawn]
                 samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
                 truth = samples[:, 3:]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -139,6 +141,27 @@ def test_light_colour_and_tables_are_altered_in_some_samples() -> None:
     assert (pattern[drawn].abs() > 0.9).float().mean() > 0.8  # two values with edges between them
     striped = (pattern[drawn] - pattern[drawn][:, :1]).abs().amax(dim=(1, 2)) < 1e-5
     assert 0.3 < striped.float().mean() < 0.7
+
+
+def test_further_sets_are_seen_in_later_cycles_alone() -> None:
+    steps: list[int] = []
+    seen_after: set[int] = set()
+
+    class Further(list[Frame]):
+        def __getitem__(self, index: Any) -> Any:
+            seen_after.add(len(steps))
+            return super().__getitem__(index)
+
+    fit_masks(
+        [[painted()]],
+        steps=1,
+        later=(2,),
+        later_sets=[Further([painted()])],
+        seed=0,
+        sampling=SAMPLINGS["rope"],
+        progress=lambda step, _: steps.append(step),
+    )
+    assert seen_after == {1, 2}
 
 
 @pytest.mark.long
