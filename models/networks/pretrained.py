@@ -112,25 +112,28 @@ def read_weights(source: str) -> Mapping[str, torch.Tensor]:
     Raises:
         CallError: The source is missing or unreadable.
     """
+    path = Path(source) / BEST if Path(source).is_dir() else Path(source)
+    if not path.is_file():
+        raise _unreadable(path, "no such file")
     try:
-        path = Path(source) / BEST if Path(source).is_dir() else Path(source)
         if path.suffix == ".safetensors":
             from safetensors.torch import load_file
 
             return load_file(path)
         loaded = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # each reader has errors of its own; none of them is ours
-        raise _unreadable(source, f"{type(error).__name__}: {error}") from error
-    if not isinstance(loaded, dict):
-        raise _unreadable(source, type(loaded).__name__)
-    state = loaded.get("state_dict", loaded)
+        raise _unreadable(path, "a file that contains no weights") from error
+    state = loaded.get("state_dict", loaded) if isinstance(loaded, dict) else None
+    if not isinstance(state, dict):
+        raise _unreadable(path, type(state or loaded).__name__)
     return {name.removeprefix("module."): value for name, value in state.items()}
 
 
-def _unreadable(source: str, found: str) -> CallError:
+def _unreadable(path: Path, found: str) -> CallError:
     return CallError(
         "the pretrained weights cannot be read",
-        where=source,
-        found=found.splitlines()[0][:200] if found else "nothing",
+        path=path,
+        where="network.pretrained",
+        found=found,
         required="a run's folder, or a .safetensors, .pt or .pth file",
     )

@@ -94,7 +94,7 @@ def train(
             if not (resume and conclude_step()):
                 for batch in task.batches(state.step, stop):
                     with interrupts_deferred():  # half a step cannot be resumed
-                        _step(task, batch, state, optimiser, writer)
+                        _step(task, run, batch, state, optimiser, writer)
                     if conclude_step():
                         break
         except KeyboardInterrupt:
@@ -107,6 +107,7 @@ def train(
 
 def _step(
     task: Task[Any],
+    run: Path,
     batch: Mapping[str, torch.Tensor],
     state: TrainingState,
     optimiser: torch.optim.Optimizer,
@@ -131,6 +132,7 @@ def _step(
     if not bool(torch.isfinite(norm)):
         raise TrainingError(
             "the gradient is no longer finite",
+            path=run,
             where=f"step {step}",
             found=f"loss {float(loss.detach())}",
             fix="Lower optimiser.learning_rate or use precision: float32",

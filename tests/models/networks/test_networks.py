@@ -131,7 +131,8 @@ def test_unreadable_weights_are_one_sentence(
     path = tmp_path / f"bad{suffix}"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(CallError, match="pretrained weights cannot be read"):
+    found = "no such file" if content is None else "a file that contains no weights"
+    with pytest.raises(CallError, match=f"pretrained weights cannot be read; found {found}; req"):
         read_weights(str(path))
 
 
