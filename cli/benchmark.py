@@ -31,7 +31,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 @click.command()
 @click.argument("config_file", metavar="CONFIG", type=PATH)
 @out_option("DIR", "Output folder.")
-@set_option
+@set_option("common.style=fast")
 @click.option("--resume", is_flag=True, help="Continue the benchmark in DIR.")
 @click.option(
     "--workers",

@@ -58,7 +58,7 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 @path_option(
     "--config", "FILE", "YAML or JSON file with these settings and more; options override it."
 )
-@set_option
+@set_option("cloth.points_a_side=49")
 @click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one per core]")
 @choice_option(
     "--engine", ["local", "ray"], "Processes of this machine, or a Ray cluster.", "local"

@@ -14,15 +14,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 PATH: Final = click.Path(path_type=Path)
 FILE: Final = click.Path(path_type=Path, dir_okay=False)
 
-set_option = click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Change one setting: a dotted key and a value in YAML, such as rope.structure=tube or "
-    "optimiser.learning_rate=1e-3. Overrides files and other options.",
-)
-"""`--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it."""
+
+def set_option(example: str) -> Callable[[F], F]:
+    """Return `--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it.
+
+    Args:
+        example: A setting that the command accepts, such as `seed=3`.
+    """
+    return click.option(
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help=f"Change one setting: a dotted key and a value in YAML, such as {example}. "
+        "Overrides files and other options.",
+    )
 
 
 def _parsed(

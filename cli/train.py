@@ -37,7 +37,7 @@ def _run_options(function: F) -> F:
         path_option(
             "--config", "FILE", "YAML file of settings; what it leaves out keeps its default."
         ),
-        set_option,
+        set_option("optimiser.learning_rate=1e-3"),
         click.option("--resume", is_flag=True, help="Continue from the run's newest checkpoint."),
         json_option,
     )
@@ -87,7 +87,7 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
 @command.command("model")
 @click.argument("recipe")
 @out_option("DIR", "Folder for the data, the stages and the finished model.")
-@set_option
+@set_option("optimiser.learning_rate=1e-3")
 @click.option(
     "--sequences",
     type=click.IntRange(2),

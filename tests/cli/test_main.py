@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import gc
+import re
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from pliant.benchmarks.suite.config import read_config
 from pliant.cli.main import COMMANDS, SECTIONS, main, run
+from pliant.generator.config import GenerateConfig
+from pliant.models.don.settings import DonSettings
+from pliant.models.model_recipe import RECIPES, read_recipe
+from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.io.parquet import read_footer
 from tests.conftest import Refused
+from tests.known import known
 
 PLUG_INS = {
     "at import": "import sys\nsys.exit(0)\n",
@@ -51,6 +61,25 @@ def test_a_plug_in_that_exits_is_an_error(
     )
     assert error.startswith(f"Error: {method}, line {line}: this code ended the program")
     assert read_footer(out)["method"]["name"] == "identity"
+
+
+@pytest.mark.parametrize(
+    ("call", "accept"),
+    [
+        ("generate", lambda given: read_settings(GenerateConfig, None, ["tiers=[rope]", *given])),
+        ("train don", partial(read_settings, DonSettings, None)),
+        ("train timecycle", partial(read_settings, TimeCycleSettings, None)),
+        ("train model", partial(read_recipe, RECIPES / "don-rope.yaml")),
+        ("benchmark", partial(read_config, Path("benchmarks/pliant-v3-mini.yaml"))),
+    ],
+)
+def test_the_example_of_set_is_accepted(
+    call: str, accept: Callable[[list[str]], object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*call.split(), "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    example = re.search(r"in YAML, such as (\S+)\. Overrides", said)
+    accept([known(example)[1]])
 
 
 @pytest.mark.parametrize(
