@@ -15,17 +15,32 @@ from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS
-from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
-from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, TENSORBOARD
+from pliant.models.training.checkpoint import (
+    BEST,
+    Weights,
+    read_progress,
+    read_weights_file,
+    save_weights,
+)
+from pliant.models.training.run_folder import (
+    CALIBRATION,
+    CONFIG,
+    RUN_FACTS,
+    TENSORBOARD,
+    data_digest,
+)
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.staging import staged
 from pliant.spec.io.yamlfiles import read_yaml, yaml_text
+from pliant.spec.storage.layout import SEQUENCES_TABLE
 from pliant.spec.text import shortened
 
 DATA_CONFIG: Final = "data.yaml"
 """The config that the training set was generated from; `pliant generate` takes it."""
+RECIPE: Final = "recipe.yaml"
+"""The recipe whose last stage a run is; `pliant train model` takes it."""
 
 _NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _LARGEST_HALF: Final = 65504.0
@@ -45,8 +60,8 @@ def export_run(
 
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
-        run has them `calibration.json`, `crossings.safetensors`, `masks.safetensors` and
-        `data.yaml`, and `CARD.md`.
+        run has them `calibration.json`, `crossings.safetensors`, `masks.safetensors`,
+        `data.yaml` and `recipe.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a
@@ -60,13 +75,16 @@ def export_run(
             required="lower-case letters, digits and dashes, such as don-rope",
         )
     matcher = load_matcher(run)  # it answers: config, weights and calibration fit
-    facts = _checked_facts(run, dataset, reports)
+    if not (run / RUN_FACTS).is_file():
+        raise CallError("the run is not finished", path=run, required=RUN_FACTS)
     folder = out / name
     if folder.exists() and not (folder / CARD).is_file():
         raise CallError("the folder exists and is not an exported model", path=folder)
     settings = read_yaml(run / CONFIG)
     also = [FurtherSet.parse(entry) for entry in settings.get("also", ())]
-    further = [Dataset.open(each.data) for each in also if each.data]
+    named = [Dataset.open(each.data) if each.data else dataset for each in also]
+    further = [each for each in named if each is not dataset]
+    facts = _checked_facts(run, [dataset, *named], reports)
     settings = portable(settings, [each.id for each in further])
     card = model_card(
         name=name,
@@ -77,6 +95,7 @@ def export_run(
         parameters=sum(p.numel() for p in matcher.network.parameters()),
         training_s=training_seconds(run),
         reports=[report.document for report in reports],
+        stage=run.name if (run / RECIPE).is_file() else "",
     )
     with staged(folder) as place:
         _write_files(run, place, settings, [dataset, *further])
@@ -84,12 +103,12 @@ def export_run(
     return folder
 
 
-def _checked_facts(run: Path, dataset: Dataset, reports: Sequence[Scores]) -> dict[str, Any]:
-    """Return a finished run's facts; refuse another dataset, and reports of other runs."""
-    if not (run / RUN_FACTS).is_file():
-        raise CallError("the run is not finished", path=run, required=RUN_FACTS)
+def _checked_facts(
+    run: Path, datasets: Sequence[Dataset], reports: Sequence[Scores]
+) -> dict[str, Any]:
+    """Return a finished run's facts; refuse other datasets, and reports of other runs."""
     facts: dict[str, Any] = read_json(run / RUN_FACTS)
-    trained_on = {"id": dataset.id, "version": dataset.version}
+    trained_on = {"id": datasets[0].id, "version": datasets[0].version}
     if facts["dataset"] != trained_on:
         raise CallError(
             "the run was trained on another dataset",
@@ -98,9 +117,22 @@ def _checked_facts(run: Path, dataset: Dataset, reports: Sequence[Scores]) -> di
             found=facts["dataset"],
             required=trained_on,
         )
+    data = read_progress(run).get("data", "")
+    if data and all(map(_is_whole, datasets)) and data != data_digest(datasets):
+        raise CallError(
+            "the run was trained on other sequences than the dataset of this id has",
+            path=run,
+            found=", ".join(each.address for each in datasets),
+            fix="Name the dataset that the training was given, as it was then.",
+        )
     for report in reports:
         _check_report(report, facts)
     return facts
+
+
+def _is_whole(dataset: Dataset) -> bool:
+    """Return whether a dataset has the files that it was made with, none held out or simulated."""
+    return dataset.has(SEQUENCES_TABLE) and not dataset.held_out
 
 
 def _write_files(
@@ -114,7 +146,7 @@ def _write_files(
         settings: The config of the model.
         datasets: The run's own dataset, then the further ones.
     """
-    for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
+    for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY, RECIPE):
         if (run / kept).is_file():
             shutil.copyfile(run / kept, folder / kept)
     (folder / CONFIG).write_text(yaml_text(settings), encoding="utf-8")
@@ -122,11 +154,16 @@ def _write_files(
         if name == BEST or (run / name).is_file():
             save_weights(folder / name, halved(read_weights_file(run / name)))
             (folder / name).chmod(0o644)  # safetensors makes it the owner's alone
-    files = [DATA_CONFIG, *(f"data-{each.id}.yaml" for each in datasets[1:])]
-    for used, file in zip(datasets, files, strict=True):
+    texts: dict[str, str] = {}
+    for number, used in enumerate(datasets):
         config = used.info["provenance"].get("config")
-        if config is not None:
-            (folder / file).write_text(yaml_text(config), encoding="utf-8")
+        if config is None:
+            continue
+        text, file, count = yaml_text(config), f"data-{used.id}.yaml" if number else DATA_CONFIG, 1
+        while texts.setdefault(file, text) != text:  # another set of this id
+            count += 1
+            file = f"data-{used.id}-{count}.yaml"
+        (folder / file).write_text(text, encoding="utf-8")
 
 
 def portable(settings: Mapping[str, Any], further: Sequence[str]) -> dict[str, Any]:

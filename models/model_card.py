@@ -21,6 +21,7 @@ def model_card(
     training_s: float | None,
     reports: Sequence[Mapping[str, Any]] = (),
     further: Sequence[Mapping[str, Any]] = (),
+    stage: str = "",
 ) -> str:
     """Return the card as Markdown.
 
@@ -33,6 +34,7 @@ def model_card(
         training_s: Wall time of the training, seconds, or None.
         reports: The documents of `scores.json` of its evaluations.
         further: `dataset.json` of each other set that it was trained on.
+        stage: The stage of a recipe that the run is; empty for a run of its own.
     """
     return render_page(
         "model_card.md.j2",
@@ -50,6 +52,7 @@ def model_card(
         training_time="not recorded" if training_s is None else _duration(training_s),
         reports=reports,
         further=further,
+        stage=stage,
         inline=_inline,
         span=lambda values: f"{values[0]:g} to {values[1]:g}",
         heading=heading,

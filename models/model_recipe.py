@@ -20,7 +20,7 @@ from pydantic import model_validator
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don, training_data
-from pliant.models.export import export_run, portable
+from pliant.models.export import RECIPE, export_run, portable
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
@@ -53,6 +53,7 @@ from pliant.spec.constraints import Count, Refused, Share
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.frame import Frame
+from pliant.spec.io.yamlfiles import yaml_text
 
 Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
 
@@ -240,6 +241,8 @@ def make_model(
     if recipe.masks is not None and not (out / "stages" / last / MASKS).is_file():
         with watched("masks", recipe.masks.steps + sum(recipe.masks.later)) as progress:
             _train_masks(recipe.masks, out, out / "stages" / last, progress)
+    text = yaml_text(settings_to_dict(recipe))
+    (out / "stages" / last / RECIPE).write_text(text, encoding="utf-8")
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
 

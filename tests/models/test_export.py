@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import torch
 import yaml
@@ -22,6 +23,8 @@ from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle
+from pliant.models.training.run_folder import write_settings
+from pliant.publishing import PublishSettings, publish
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
@@ -251,6 +254,14 @@ def test_what_cannot_be_shipped_is_refused(
         export_run(trained, "Don/Rope", tmp_path, dataset)
     with pytest.raises(CallError, match="trained on another dataset"):
         export_run(trained, "don", tmp_path, sheet_dataset)
+    same_id, public = tmp_path / "same-id", tmp_path / "public"
+    shutil.copytree(dataset.root, same_id)
+    listed = same_id / "sequences.parquet"
+    pq.write_table(pq.read_table(listed).slice(1), listed)
+    with pytest.raises(CallError, match="trained on other sequences than the dataset of this id"):
+        export_run(trained, "don", tmp_path, Dataset.open(same_id))
+    publish(dataset.root, public, PublishSettings(hold_out=("test",), answers_are_public=True))
+    export_run(trained, "from-public", tmp_path / "public-card", Dataset.open(public))
     with pytest.raises(CallError, match="not a training run"):
         export_run(tmp_path, "don", tmp_path, dataset)
     (tmp_path / "mine").mkdir()
@@ -319,6 +330,21 @@ def test_further_data_and_first_weights_are_named_without_paths(
     assert f"The weights started from those of `{trained.name}`." in card
     assert "Trained on tier `rope`." in card
     load_matcher(folder)
+    # One of the sets has become another one of the same id.
+    other = tmp_path / "other"
+    shutil.copytree(dataset.root, other)
+    info = json.loads((other / "dataset.json").read_text())
+    info["provenance"]["config"]["frames"] = 7
+    (other / "dataset.json").write_text(json.dumps(info))
+    named = changed.replace(also=(f"{dataset.root}#rope", "#rope", f"{other}#rope"))
+    write_settings(tmp_path / "run", named)
+    state = next((tmp_path / "run").glob("checkpoints/*/state.json"))
+    with pytest.raises(CallError, match="trained on other sequences than the dataset of this id"):
+        export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
+    state.write_text(json.dumps(json.loads(state.read_text()) | {"data": ""}))  # as of before
+    folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
+    assert (folder / f"data-{dataset.id}.yaml").read_text() == (folder / "data.yaml").read_text()
+    assert "frames: 7\n" in (folder / f"data-{dataset.id}-2.yaml").read_text()
 
 
 @pytest.mark.parametrize(

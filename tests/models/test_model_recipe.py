@@ -109,6 +109,10 @@ def test_a_changed_recipe_is_refused_for_finished_stages(
     made = make(tmp_path / "out")
     mean = read_settings(DonSettings, made / "config.yaml")
     assert mean.batch == 2  # as of the stage whose steps the card tells
+    assert "pliant train model recipe.yaml --out DIR\n```" in (made / "CARD.md").read_text()
+    assert read_recipe(made / "recipe.yaml") == read_recipe(
+        tmp_path / "recipe.yaml", [*DON[2:], "steps=3", "width=40"]
+    )
     moved = (tmp_path / "out").rename(tmp_path / "moved")
     assert make(moved).name == made.name
     with pytest.raises(TrainingError, match=r"stages/first/config\.yaml, width.*Remove the"):
