@@ -61,7 +61,7 @@ def _number(text: str, visible: bool, path: Path, where: str) -> float:
     if not text and not visible:
         return math.nan
     try:
-        value = float(text)
+        value = math.nan if "_" in text else float(text)  # Python reads 1_0 as 10
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
