@@ -61,7 +61,7 @@ def earlier_marks(folder: Path) -> Marks:
 
     marks: Marks = {}
     path = folder / ANNOTATIONS_CSV
-    if path.is_file():
+    if path.exists():
         for (picture, point), mark in collect_marks(path).marks.items():
             marks.setdefault(picture.name, {})[point] = mark
     return marks

@@ -203,7 +203,7 @@ def read_rows(
         SpecError: It is not a CSV with these columns.
     """
     if not path.is_file():
-        raise CallError("file not found", path=path)
+        raise CallError("file not found", path=path, found="a folder" if path.is_dir() else None)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

@@ -112,6 +112,12 @@ def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
         earlier_marks(folder)
 
 
+def test_a_folder_in_the_place_of_the_file_is_refused_at_start(folder: Path) -> None:
+    (folder / "annotations.csv").mkdir()
+    with pytest.raises(CallError, match=r"annotations\.csv: file not found; found a folder"):
+        earlier_marks(folder)
+
+
 def test_the_page_asks_and_saves(folder: Path) -> None:
     annotation = Annotation(folder, ["ball"])
     with served(application(annotation, suggests=True)) as address:
