@@ -149,6 +149,14 @@ def _scored(
             fix="Use --protocol matches for keypoint matches, another for answers.",
         )
     split = loaded.submission.split
+    only_episodes = protocol.needs_episodes == set(protocol.headline)
+    if only_episodes and not loaded.queries.in_episode(dataset).any():
+        raise CallError(
+            f"protocol {protocol.name} scores points followed through episodes",
+            path=problems.path,
+            found=f"no image pair of split {split} has two frames of one episode",
+            fix="Name another protocol.",
+        )
     name = layout.truth_name(split)
     path = dataset.local(name) if dataset.has(name) else dataset.root / name
     path = path if truth is None else Path(truth)

@@ -88,13 +88,14 @@ class Protocol(Settings):
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
 
     @property
-    def needs_episodes(self) -> bool:
-        """Whether a figure of the headline has a value for episodes alone."""
-        return any(
-            metric_class(family).episodes and figure.name in self.headline
+    def needs_episodes(self) -> set[str]:
+        """The figures of the headline that have a value for episodes alone."""
+        return {
+            figure.name
             for family, settings in self.settings.items()
             for figure in metric_class(family).figures(settings)
-        )
+            if metric_class(family).episodes and figure.name in self.headline
+        }
 
     @property
     def document(self) -> dict[str, Any]:
