@@ -8,7 +8,7 @@ import click
 
 from pliant.cli.challenge import database_option
 from pliant.cli.options import json_option, out_option, reports_argument
-from pliant.cli.terminal import echo_result
+from pliant.cli.terminal import echo, echo_result
 from pliant.spec.errors import CallError
 from pliant.spec.text import plural
 
@@ -45,13 +45,14 @@ def command(
     service shows to everybody. Reports of different protocols, datasets or splits are refused.
     """
     document: dict[str, object]
+    is_challenge = len(reports) == 1 and (reports[0] / "challenge.yaml").is_file()
     if out.suffix == ".html":
         if title is not None or hide_truth:
             raise CallError(
                 "--title and --hide-truth are for a site", fix="Name a folder: --out SITE"
             )
         text, document = f"{plural(_write_page(reports, out), 'report')}: {out}", {"page": str(out)}
-    elif len(reports) == 1 and (reports[0] / "challenge.yaml").is_file():
+    elif is_challenge:
         from pliant.cli.challenge import open_challenge
         from pliant.service.site import write_challenge_site
 
@@ -65,6 +66,21 @@ def command(
         text = f"{plural(len(names), 'report')}: {out / 'index.html'}"
         document = {"site": str(out), "reports": names}
     echo_result(document, text, as_json=as_json)
+    if not (hide_truth or is_challenge) and _are_held_out(reports):
+        echo(
+            "Warning: the reports were scored with --hide-truth, so their answers are held out, "
+            "and this shows figures that reveal them. To publish: --out SITE --hide-truth.",
+            err=True,
+        )
+
+
+def _are_held_out(reports: tuple[Path, ...]) -> bool:
+    """Return whether a report is one for the host of a split that is held out."""
+    from pliant.evaluator.report.leaderboard import find_reports
+    from pliant.evaluator.scores import SCORES_JSON
+    from pliant.spec.io.jsonfiles import read_json
+
+    return any(read_json(each / SCORES_JSON).get("hide_truth") for each in find_reports(reports))
 
 
 def _write_page(reports: tuple[Path, ...], out: Path) -> int:

@@ -74,10 +74,11 @@ def test_readme_makes_a_static_space(reports: Path, tmp_path: Path) -> None:
 
 
 def test_scores_that_tell_answers_are_refused_where_the_truth_is_hidden(
-    reports: Path, tmp_path: Path
+    reports: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["leaderboard", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
     site = served(reports, tmp_path / "open")
+    assert "Warning" not in capsys.readouterr().err
     report = (site / "reports/mine-co/report.html").read_text()
     assert 'class="pair"' in report
     assert "Small figures: 95 % intervals" in report
@@ -91,7 +92,9 @@ def numbers(path: Path) -> set[str]:
     return set(re.findall(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?", text))
 
 
-def test_hidden_truth_stays_hidden(scene: Any, tmp_path: Path) -> None:
+def test_hidden_truth_stays_hidden(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """No picture, no table of pairs, headlines alone, and no number of more than four digits."""
     capped = tmp_path / "capped"
     for name, error_px in (("m", 93.1234), ("identity", 95.4321), ("centroid", 1.234567)):
@@ -99,6 +102,10 @@ def test_hidden_truth_stays_hidden(scene: Any, tmp_path: Path) -> None:
         scores = scene.score(tmp_path, table, name=name, hide_truth=True)
         write_report(scores, capped / name, data=scene.root)
     site = served(capped, tmp_path / "site", "--hide-truth", "--title", "Who is first?")
+    assert "Warning" not in capsys.readouterr().err
+    for out in ("whole", "whole.html"):
+        assert run(["leaderboard", str(capped), "--out", str(tmp_path / out)]) == 0
+        assert "Warning: the reports were scored with --hide-truth" in capsys.readouterr().err
     board = (site / "index.html").read_text()
     for page in site.rglob("*.html"):  # they have no intervals to explain
         assert "Small figures" not in page.read_text()
