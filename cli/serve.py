@@ -50,13 +50,18 @@ def command(
     CHALLENGE is a folder of `pliant challenge create`. SITE is a folder that `pliant leaderboard`
     wrote, or any other folder with an index.html. Ctrl-C stops it; running jobs are finished first.
     """
+    context = click.get_current_context()
     if (place / "challenge.yaml").is_file():
         require_service()
         from pliant.service.server import serve
 
-        port = port or 8000
-        echo(f"Serving {place} on http://{host}:{port}; Ctrl-C stops it.")
-        serve(place, host=host, port=port, database_url=database, **given)
+        def listening(taken: int) -> None:
+            echo(f"Serving {place} on http://{host}:{taken}; Ctrl-C stops it.")
+
+        if context.get_parameter_source("port") is ParameterSource.DEFAULT:
+            port = 8000
+        given |= {"database_url": database, "listening": listening}
+        serve(place, host=host, port=port, **given)
         return
     if not (place / "index.html").is_file():
         raise CallError(
@@ -65,7 +70,6 @@ def command(
             required="a folder with challenge.yaml or index.html",
             fix="Make one with: pliant challenge create, or pliant leaderboard REPORTS --out SITE",
         )
-    context = click.get_current_context()
     unused = [
         f"--{name.replace('_', '-')}"
         for name in ("host", "workers", "base_url", "trusted_proxy")

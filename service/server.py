@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import signal
+import socket
 import sys
 import threading
+from collections.abc import Callable
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
@@ -69,6 +71,23 @@ class Workers:
                     self._processes[index] = self._start()
 
 
+class _Server(uvicorn.Server):
+    """A server that names its port once it listens.
+
+    Args:
+        config: Its settings.
+        listening: Called with the port.
+    """
+
+    def __init__(self, config: uvicorn.Config, listening: Callable[[int], None]) -> None:
+        super().__init__(config)
+        self._listening = listening
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self._listening(self.servers[0].sockets[0].getsockname()[1])
+
+
 def work(root: Path, database_url: str | None) -> None:
     """Run a worker until SIGTERM, or until the process that started it has ended."""
     configure_logging()
@@ -91,6 +110,7 @@ def serve(
     database_url: str | None,
     base_url: str,
     trusted_proxy: str,
+    listening: Callable[[int], None] = lambda port: None,
 ) -> None:
     """Serve a challenge until SIGTERM or Ctrl-C; running jobs are finished.
 
@@ -102,6 +122,7 @@ def serve(
         database_url: The database, or None for the SQLite file.
         base_url: Address that others reach it by, or empty.
         trusted_proxy: Addresses of reverse proxies whose `X-Forwarded-…` headers count, or empty.
+        listening: Called with the port once the server listens.
 
     Raises:
         CallError: It is not a challenge, a phase cannot be scored, or the port is taken.
@@ -124,9 +145,8 @@ def serve(
     # uvicorn repeats the signal that stopped it: the workers are stopped first.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with Workers(root, database_url, workers):
-        server = uvicorn.Server(config)
         try:
-            server.run()
+            _Server(config, listening).run()
         except SystemExit as error:
             if not error.code:
                 return

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import sqlite3
 import struct
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -17,7 +19,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.spec.io.parquet import read_table
 from tests.service.conftest import Halves, MakeTrial
-from tests.service.server import serving
+from tests.service.server import Server, serving
 
 PAGES = (
     "/", "/?show=last", "/rules", "/data", "/submit", "/login", "/teams/2", "/submissions",
@@ -38,6 +40,22 @@ def fetch(address: str, token: str | None = None) -> bytes:
     except urllib.error.HTTPError as error:
         with error:
             return str(error.headers).encode() + error.read()
+
+
+def test_port_0_is_any_free_port(make_trial: MakeTrial, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    server = Server(make_trial().challenge.root, log, "--workers", "0", "--port", "0")
+    try:
+        end = time.monotonic() + 120
+        while not (named := re.search(r"Serving .* on (http://\S+);", log.read_text())):
+            assert server.process.poll() is None, log.read_text()
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        assert not named[1].endswith(":8000")
+        assert b"ok" in fetch(f"{named[1]}/healthz")
+        assert server.stop() == 0
+    finally:
+        server.kill()
 
 
 def secrets_of(private: Path) -> dict[str, bytes]:
