@@ -110,7 +110,10 @@ def may_be_known(session: Session, phase: Phase, who: Identity, size: int | None
 
 
 def sent_before(session: Session, phase: Phase, who: Identity, upload: Upload) -> Submission | None:
-    """Return the submission that a team made of the same file."""
+    """Return the submission that a team made of the same file, unless it was refused or failed.
+
+    A refused file is checked again, because the rules may have changed since.
+    """
     return session.scalar(
         select(Submission)
         .where(
@@ -118,7 +121,7 @@ def sent_before(session: Session, phase: Phase, who: Identity, upload: Upload) -
             Submission.phase == phase.name,
             Submission.file_sha256 == upload.sha256,
             Submission.check_only == upload.check_only,
-            Submission.state != State.FAILED,
+            Submission.state.not_in((State.FAILED, State.REFUSED)),
             Submission.withdrawn_ms.is_(None),
         )
         .order_by(Submission.id.desc())

@@ -60,6 +60,16 @@ def test_the_same_file_is_one_submission(trial: Trial) -> None:
     assert left(trial) == Attempts(4, 99)
 
 
+def test_a_refused_file_is_checked_again(trial: Trial) -> None:
+    """The rules may have changed since."""
+    first = trial.send(b"bad")
+    assert trial.send(b"bad") == first  # it waits
+    trial.work()
+    assert trial.send(b"bad") != first
+    trial.work()
+    assert left(trial) == Attempts(5, 100)
+
+
 def test_credit_adds_attempts_today_and_in_all(trial: Trial) -> None:
     for number in range(5):
         trial.send(f"{number}".encode())
