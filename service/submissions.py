@@ -134,7 +134,8 @@ def accept(
     """Accept a file: its row, its charge, its job and its log entry are stored together or not.
 
     The same file of the same team in the same phase is one submission, whatever the number of
-    times it is sent, so a client that lost the answer can send it again.
+    times it is sent, unless it was refused or failed, so a client that lost the answer can send it
+    again.
 
     Returns:
         The submission, and whether it is new.

@@ -190,7 +190,10 @@ async def post_submission(
     check_only: bool = False,
     file_name: Annotated[str, Query(max_length=300)] = "submission.parquet",
 ) -> SubmissionView:
-    """Submit a Parquet file, the request's body; the same file sent again is one submission."""
+    """Submit a Parquet file, the request's body.
+
+    The same file sent again is one submission, unless it was refused.
+    """
     if request.headers.get("content-type", "").startswith("multipart/"):
         found = "a form with the file in it"
         required = "the file alone as the body, as `curl -T` sends it"
