@@ -25,10 +25,8 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
-_TABLE_SHARE, _LEAST_TABLE = (
-    0.15,
-    1e-4,
-)  # of the width: how far "nearby" is; the weight of all of it
+_TABLE_SHARE = 0.15  # standard deviation of the Gaussian of `on_plain_table`, of the width
+_LEAST_TABLE = 1e-4  # weight of the whole table's mean there
 _KEPT_UPRIGHT = 4  # both views of a pair, each as it is and as from above
 
 
@@ -188,14 +186,13 @@ class ViewDescriber:
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         else:
             rope, objects = self.masks.found(rgb)
-            if view.mask is not None and view.objects is not None:
-                likely = resized(np.maximum(rope, objects) > 0.5, view.mask.shape)
-                if surely_kept(view.mask, view.objects, likely):
+            likely = rope > 0.5, np.maximum(rope, objects) > 0.5
+            mask, given = view.mask, view.objects
+            if mask is not None and given is not None:
+                seen = resized(likely[1], mask.shape)
+                if surely_kept(mask, given, seen):
                     return None
-            shown = [
-                resize_mask(likely > 0.5, self.size, keep_thin=True)
-                for likely in (rope, np.maximum(rope, objects))
-            ]
+            shown = [resize_mask(each, self.size, keep_thin=True) for each in likely]
             out = self._out(self.given.image(*self._resized(view), *shown))
         first = self._first_share(out.descriptors[0].cpu()).numpy()
         found = rope_masks(rgb, Foreground(rope, objects, first))
