@@ -117,8 +117,9 @@ def _checked_facts(
             found=facts["dataset"],
             required=trained_on,
         )
-    data = read_progress(run).get("data", "")
-    if data and all(map(_is_whole, datasets)) and data != data_digest(datasets):
+    progress = read_progress(run)  # empty for a mean and for an exported model
+    comparable = progress and all(map(_is_whole, datasets))
+    if comparable and progress["data"] != data_digest(datasets):
         raise CallError(
             "the run was trained on other sequences than the dataset of this id has",
             path=run,

@@ -264,7 +264,7 @@ def _check_finished(
     begun = _portable(read_settings(DonSettings, run / CONFIG))
     check_same_settings(run, begun, _portable(settings), fix=fix)
     data = data_digest([of for of, _ in training_data(dataset, settings)])
-    if not stage.mean_of and read_progress(run).get("data", data) != data:
+    if read_progress(run).get("data", data) != data:  # a mean has no checkpoint
         raise TrainingError(
             "the stage was trained on other sequences than its sets have now", path=run, fix=fix
         )

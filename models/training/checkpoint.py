@@ -37,20 +37,20 @@ class TrainingState:
         weights: The network's state dictionary.
         average: The running average of it (buffers as they are).
         optimiser: The optimiser's state dictionary.
+        data: `data_digest` of what it is trained on.
         best: Lowest validation criterion so far, px.
         waited: Validations since then.
         history: Figures of every logged step, {"step": …, name: value}.
-        data: `data_digest` of what it is trained on.
     """
 
     step: int
     weights: Weights
     average: Weights
     optimiser: dict[str, Any]
+    data: str
     best: float = float("inf")
     waited: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
-    data: str = ""
 
 
 def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
@@ -202,7 +202,7 @@ def read_checkpoint(folder: Path) -> TrainingState:
             best=float("inf") if document["best"] is None else document["best"],
             waited=document["waited"],
             history=document["history"],
-            data=document.get("data", ""),  # a checkpoint of before has none
+            data=document["data"],
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise TrainingError(

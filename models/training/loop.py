@@ -66,7 +66,7 @@ def train(
         Where the run stands; `average` are the weights to answer with.
 
     Raises:
-        TrainingError: The loss is no longer finite, or there is no checkpoint to resume.
+        TrainingError: The loss or its gradient is not finite, or there is no checkpoint to resume.
     """
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
@@ -131,7 +131,7 @@ def _step(
     norm = nn.utils.clip_grad_norm_(parameters, settings.optimiser.clip_norm or math.inf)
     if not bool(torch.isfinite(norm)):
         raise TrainingError(
-            "the gradient is no longer finite",
+            "the gradient is not finite",
             path=run,
             where=f"step {step}",
             found=f"loss {float(loss.detach())}",
@@ -170,10 +170,10 @@ def _start(
 ) -> TrainingState:
     network, data = task.network, data_digest(task.datasets)
     if not resume:
-        return TrainingState(0, {}, _copy(network), {}, data=data)
+        return TrainingState(0, {}, _copy(network), {}, data)
     checkpoint = checkpoint_to_resume(run)
     state = read_checkpoint(checkpoint)
-    if state.data not in ("", data):
+    if state.data != data:
         raise TrainingError(
             "a run goes on with the data it began with",
             path=run,

@@ -23,7 +23,7 @@ from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle
-from pliant.models.training.run_folder import write_settings
+from pliant.models.training.run_folder import data_digest, write_settings
 from pliant.publishing import PublishSettings, publish
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
@@ -341,7 +341,8 @@ def test_further_data_and_first_weights_are_named_without_paths(
     state = next((tmp_path / "run").glob("checkpoints/*/state.json"))
     with pytest.raises(CallError, match="trained on other sequences than the dataset of this id"):
         export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
-    state.write_text(json.dumps(json.loads(state.read_text()) | {"data": ""}))  # as of before
+    digest = data_digest([dataset, dataset, dataset, Dataset.open(other)])
+    state.write_text(json.dumps(json.loads(state.read_text()) | {"data": digest}))
     folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
     assert (folder / f"data-{dataset.id}.yaml").read_text() == (folder / "data.yaml").read_text()
     assert "frames: 7\n" in (folder / f"data-{dataset.id}-2.yaml").read_text()
