@@ -16,7 +16,7 @@ from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.receipts import write_keys
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
-from pliant.service.versions import add_missing_versions
+from pliant.service.versions import add_missing_versions, truth_file
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.staging import refuse_existing
@@ -78,14 +78,8 @@ def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None
             required=f"a folder with a {layout.MANIFEST_JSON}, as `pliant publish` writes it",
             fix="Publish the dataset with --hold-out.",
         )
-    whole = dataset.with_private(private)
     for split in sorted(splits):
-        if not whole.has(layout.truth_name(split)):
-            raise SpecError(
-                f"there is no truth of split {split}",
-                path=private / layout.truth_name(split),
-                fix="Name a split with queries, or publish the dataset with their truth.",
-            )
+        truth_file(dataset, private, split)
     for split in sorted(splits - set(dataset.held_out)):
         if (private / layout.truth_name(split)).is_file():
             raise SpecError(

@@ -77,7 +77,10 @@ def add_version(
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():
         raise SpecError(f"the public half has no queries of split {phase.split}")
-    if protocol.needs_episodes and not read_queries(dataset, phase.split).in_episode(dataset).any():
+    if (
+        protocol.episode_figures
+        and not read_queries(dataset, phase.split).in_episode(dataset).any()
+    ):
         raise CallError(
             f"protocol {protocol.name} scores points followed through episodes",
             where=f"phase {phase.name}",
@@ -99,7 +102,7 @@ def add_version(
         newest = known[-1]
         truth, truth_sha256 = newest.truth, newest.truth_sha256
     else:
-        truth_sha256 = sha256_file(_truth(dataset, challenge.private(truth), phase.split))
+        truth_sha256 = sha256_file(truth_file(dataset, challenge.private(truth), phase.split))
     same = select(Version).where(
         Version.phase == phase.name,
         Version.protocol_sha256 == protocol.sha256,
@@ -148,7 +151,7 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
     for phase in challenge.settings.phases:
         known = versions_of(session, phase.name)
         truth = max((each.truth for each in known), default=1)
-        path = _truth(dataset, challenge.private(truth), phase.split)
+        path = truth_file(dataset, challenge.private(truth), phase.split)
         if known and sha256_file(path) not in {each.truth_sha256 for each in known}:
             raise CallError(
                 "the truth of a phase is not the one of its scores",
@@ -208,11 +211,20 @@ def new_job(submission: Submission, versions: Sequence[int], priority: int) -> J
     )
 
 
-def _truth(dataset: Dataset, private: Path, split: str) -> Path:
+def truth_file(dataset: Dataset, private: Path, split: str) -> Path:
+    """Return the file of the true answers of a split.
+
+    Raises:
+        SpecError: The private half has no such file, or is that of another dataset.
+    """
     whole = dataset.with_private(private)
     name = layout.truth_name(split)
     if not whole.has(name):
-        raise SpecError(f"there is no truth of split {split}", path=private / name)
+        raise SpecError(
+            f"the true answers of split {split} are missing",
+            path=private / name,
+            fix="Name a split with queries, or publish the dataset with their truth.",
+        )
     return whole.local(name)
 
 

@@ -74,7 +74,11 @@ class BoardView(BaseModel):
 
 def is_own(submission: Submission, who: Identity | None) -> bool:
     """Return whether a submission is of somebody's own team; the host has every team's."""
-    return who is not None and (who.is_host or who.team_id == submission.team_id)
+    return _is_own_team(submission.team_id, who)
+
+
+def _is_own_team(number: int, who: Identity | None) -> bool:
+    return who is not None and (who.is_host or who.team_id == number)
 
 
 def find_team(session: Session, number: int, who: Identity | None) -> Team:
@@ -89,8 +93,7 @@ def find_team(session: Session, number: int, who: Identity | None) -> Team:
         Submission.state == State.SCORED,
         Submission.withdrawn_ms.is_(None),
     )
-    own = who is not None and (who.is_host or who.team_id == number)
-    if found is None or not (own or session.scalar(public.limit(1))):
+    if found is None or not (_is_own_team(number, who) or session.scalar(public.limit(1))):
         raise NotAcceptedError("NOT_FOUND", 404, "no such team")
     return found
 

@@ -438,7 +438,7 @@ def test_what_create_and_open_refuse(
         config.write_text(f"phases: [{{name: a, split: test, protocols: [standard, {protocol}]}}]")
         with pytest.raises(CallError, match=message):
             create_challenge(tmp_path / "a", halves.public, halves.private, [], config)
-    without = f"^{halves.private}/truth/train.parquet: there is no truth of split train"
+    without = f"^{halves.private}/truth/train.parquet: the true answers of split train are missing"
     with pytest.raises(SpecError, match=without):
         create_challenge(tmp_path / "a", halves.public, halves.private, ["train"])
     assert not (tmp_path / "a").exists()
