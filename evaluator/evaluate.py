@@ -149,7 +149,7 @@ def _scored(
             fix="Use --protocol matches for keypoint matches, another for answers.",
         )
     split = loaded.submission.split
-    only_episodes = protocol.needs_episodes == set(protocol.headline)
+    only_episodes = protocol.episode_figures == set(protocol.headline)
     if only_episodes and not loaded.queries.in_episode(dataset).any():
         raise CallError(
             f"protocol {protocol.name} scores points followed through episodes",

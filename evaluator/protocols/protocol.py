@@ -88,7 +88,7 @@ class Protocol(Settings):
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
 
     @property
-    def needs_episodes(self) -> set[str]:
+    def episode_figures(self) -> set[str]:
         """The figures of the headline that have a value for episodes alone."""
         return {
             figure.name

@@ -56,7 +56,7 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
     protocol = read_protocol(name)
     families = [metric_class(name).figures(each) for name, each in protocol.settings.items()]
     assert sum(map(len, families)) == len(protocol.figures), "two metrics share a name"
-    if protocol.needs_episodes == set(protocol.headline):
+    if protocol.episode_figures == set(protocol.headline):
         with pytest.raises(CallError, match=f"{name} scores points .*; found no image pair"):
             scene.score(tmp_path, protocol=name)
     elif protocol.kind == "answers":
