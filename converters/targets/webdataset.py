@@ -44,7 +44,8 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
 
 def _files(recording: Recording, frame: int) -> Mapping[str, bytes]:
     sequence = recording.sequence
-    sequence.rgb(frame), sequence.surface(frame)  # a damaged picture is not handed on
+    sequence.rgb(frame)  # a damaged picture is not handed on
+    sequence.surface(frame)
     camera = sequence.camera(frame)
     document = {
         "sequence": sequence.id,

@@ -114,7 +114,7 @@ def test_moving_the_pointer_shows_truth_answers_and_heat(page: Page) -> None:
 
 
 def test_a_pair_opens_at_a_point_that_both_pictures_show(page: Page) -> None:
-    """The middle query of this pair is at a pixel beside the object, or its point is hidden."""
+    """The query in the middle of this pair's list has no point that the target shows."""
 
     def is_seen(pair: QueryPair) -> bool:
         middle = pair.uv_a_px[[len(pair) // 2]]
