@@ -62,13 +62,13 @@ def evaluate(
         48.01
     """
     check_whole("workers", workers, 1)
-    dataset, truth = _opened(data, truth)
+    dataset = _opened(data, truth)
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(submission)
     path = Path(submission)
     loaded = load(path, dataset, problems, allow_missing=allow_missing, limits=limits)
     return _scored(
-        loaded, problems, dataset, truth, chosen, progress, hide_truth=hide_truth, workers=workers
+        loaded, problems, dataset, chosen, progress, hide_truth=hide_truth, workers=workers
     )
 
 
@@ -108,28 +108,22 @@ def evaluate_answers(
         >>> scores.overall["off_object_rate"] > 0.5
         True
     """
-    dataset, truth = _opened(data, truth)
+    dataset = _opened(data, truth)
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(method)
     loaded = load_in_memory(answers, dataset, split, method, problems, allow_missing=allow_missing)
-    return _scored(loaded, problems, dataset, truth, chosen)
+    return _scored(loaded, problems, dataset, chosen)
 
 
-def _opened(
-    data: Dataset | Path | str, truth: Path | str | None
-) -> tuple[Dataset, Path | str | None]:
-    """Return the dataset, with its private half where `truth` is one, and another truth if any."""
+def _opened(data: Dataset | Path | str, truth: Path | str | None) -> Dataset:
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
-    if truth is not None and (Path(truth) / layout.MANIFEST_JSON).is_file():
-        return dataset.with_private(truth), None
-    return dataset, truth
+    return dataset if truth is None else dataset.with_truth(Path(truth))
 
 
 def _scored(
     loaded: Loaded | None,
     problems: Problems,
     dataset: Dataset,
-    truth: Path | str | None,
     chosen: Protocol | None,
     progress: Progress | None = None,
     *,
@@ -149,18 +143,9 @@ def _scored(
             fix="Use --protocol matches for keypoint matches, another for answers.",
         )
     split = loaded.submission.split
-    only_episodes = protocol.episode_figures == set(protocol.headline)
-    if only_episodes and not loaded.queries.in_episode(dataset).any():
-        raise CallError(
-            f"protocol {protocol.name} scores points followed through episodes",
-            path=problems.path,
-            found=f"no image pair of split {split} has two frames of one episode",
-            fix="Name another protocol.",
-        )
+    protocol.check_episodes(dataset, split, loaded.queries)
     name = layout.truth_name(split)
     path = dataset.local(name) if dataset.has(name) else dataset.root / name
-    path = path if truth is None else Path(truth)
-    path = path / f"{split}.parquet" if path.is_dir() else path
     if protocol.kind == "answers":
         queries_sha256 = str(loaded.submission.footer["queries_sha256"])
         check_truth(path, dataset.id, dataset.version, split, queries_sha256)

@@ -142,15 +142,8 @@ def _open(source: Path, settings: PublishSettings, truth: Path) -> Dataset:
                 path=source,
                 required=f"--hold-out {split}",
             )
-        answers = truth if truth.is_file() else truth / f"{split}.parquet"
-        if not answers.is_file():
-            raise CallError(
-                "only a dataset with its answers can be published",
-                path=answers,
-                found="no such file",
-                fix="Name the answers of imported pictures: --truth DIR4.",
-            )
-        dataset = dataset.with_truth(answers)
+    if dataset.held_out:
+        dataset = dataset.with_truth(truth)
     for split in settings.hold_out:
         for name in (layout.queries_name(split), layout.truth_name(split)):
             if not dataset.has(name):

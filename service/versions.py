@@ -77,16 +77,7 @@ def add_version(
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():
         raise SpecError(f"the public half has no queries of split {phase.split}")
-    if (
-        protocol.episode_figures
-        and not read_queries(dataset, phase.split).in_episode(dataset).any()
-    ):
-        raise CallError(
-            f"protocol {protocol.name} scores points followed through episodes",
-            where=f"phase {phase.name}",
-            found=f"no image pair of split {phase.split} has two frames of one episode",
-            fix="Name another protocol.",
-        )
+    protocol.check_episodes(dataset, phase.split, read_queries(dataset, phase.split))
     known = versions_of(session, phase.name)
     if known:
         kind = parse_protocol(challenge.protocol_path(known[0].protocol_sha256).read_bytes()).kind

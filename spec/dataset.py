@@ -169,8 +169,15 @@ class Dataset:
                 half.
 
         Raises:
+            CallError: There is no such file or folder.
             SpecError: It cannot be read, or is not the truth of this dataset's queries.
         """
+        if not path.exists():
+            raise CallError(
+                "the truth is not here",
+                path=path,
+                fix="Give its file, its folder or the private half of the dataset: --truth PATH.",
+            )
         if path.is_dir():
             files = [path / f"{split}.parquet" for split in self.splits_with_queries()]
             files = [file for file in files if file.is_file()]

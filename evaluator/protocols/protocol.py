@@ -12,8 +12,10 @@ from typing import Annotated, Any, Final, Literal
 from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.statistics.bootstrap import Bootstrap
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings, settings_from, settings_to_dict
 from pliant.spec.constraints import NotEmpty
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
 _FOLDER: Final = resources.files("pliant.evaluator") / "protocols"
@@ -87,15 +89,29 @@ class Protocol(Settings):
         """The averaged metrics by name."""
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
 
-    @property
-    def episode_figures(self) -> set[str]:
-        """The figures of the headline that have a value for episodes alone."""
-        return {
-            figure.name
+    def check_episodes(self, dataset: Dataset, split: str, queries: Queries) -> None:
+        """Refuse a split without episodes where the headline has figures of episodes alone.
+
+        Args:
+            dataset: The dataset.
+            split: The split.
+            queries: Its queries.
+
+        Raises:
+            CallError: The headline would have figures without a value.
+        """
+        asked = any(
+            metric_class(family).episodes and figure.name in self.headline
             for family, settings in self.settings.items()
             for figure in metric_class(family).figures(settings)
-            if metric_class(family).episodes and figure.name in self.headline
-        }
+        )
+        if asked and not queries.in_episode(dataset).any():
+            raise CallError(
+                f"protocol {self.name} scores points followed through episodes",
+                path=dataset.address,
+                found=f"no image pair of split {split} has two frames of one episode",
+                fix="Name another protocol.",
+            )
 
     @property
     def document(self) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
     protocol = read_protocol(name)
     families = [metric_class(name).figures(each) for name, each in protocol.settings.items()]
     assert sum(map(len, families)) == len(protocol.figures), "two metrics share a name"
-    if protocol.episode_figures == set(protocol.headline):
+    if name in ("track", "tapvid-first", "tapvid-strided"):
         with pytest.raises(CallError, match=f"{name} scores points .*; found no image pair"):
             scene.score(tmp_path, protocol=name)
     elif protocol.kind == "answers":
@@ -102,9 +102,8 @@ def test_the_golden_score_is_what_its_offsets_say() -> None:
     assert golden["pck_16px"] == 1
 
 
-@pytest.mark.parametrize("name", ["tapvid", "track"])
-def test_points_that_move_are_scored_beside_all(name: str) -> None:
-    scores = evaluate(TINY / "submission.parquet", TINY / "dataset", protocol=name)
+def test_points_that_move_are_scored_beside_all() -> None:
+    scores = evaluate(TINY / "submission.parquet", TINY / "dataset", protocol="tapvid")
     moving = tiny_errors(moving=True)
     assert 0 < len(moving) <= len(tiny_errors())
     assert scores.overall["rmse_px_moving"] == pytest.approx(np.sqrt(np.mean(moving**2)), abs=1e-5)
@@ -160,7 +159,7 @@ def test_a_foreign_truth_is_the_datasets_fault(
     with pytest.raises(SpecError, match="the truth does not belong to these queries"):
         evaluate(path, scene.root, truth=other.root / "truth" / "test.parquet")
     queries = scene.root / "queries" / "test.parquet"
-    with pytest.raises(SpecError, match="found table 'queries'; required: table 'truth'"):
+    with pytest.raises(SpecError, match="these queries; found table queries of split test"):
         evaluate(path, scene.root, truth=queries)
     own = scene.root / "truth" / "test.parquet"
     elsewhere = tmp_path / "answers" / "test.parquet"

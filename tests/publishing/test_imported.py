@@ -116,7 +116,7 @@ def test_the_papers_say_what_is_known(published: Path) -> None:
     ("options", "words"),
     [
         ([], "required: --hold-out test"),
-        (["--hold-out", "test", "--truth", "elsewhere"], "--truth DIR4"),
+        (["--hold-out", "test", "--truth", "elsewhere"], "--truth PATH"),
     ],
 )
 def test_refusals(

@@ -53,8 +53,8 @@ def test_the_truth_alone_scores_what_needs_no_surface(halves: Any, submission: P
     assert evaluate(submission, halves.public, truth=truth, protocol="paper").overall == (
         whole.overall
     )
-    for given in (None, halves.whole):
-        with pytest.raises(SpecError, match=r"split test is not here.*--truth"):
+    for given, said in ((None, "split test is not here.*--truth"), (halves.whole, "not a private")):
+        with pytest.raises(SpecError, match=said):
             evaluate(submission, halves.public, truth=given)
     with pytest.raises(SpecError, match=r"private half.*Name that one"):
         Dataset.open(halves.private)
