@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,9 @@ from pliant.cli.options import json_option, out_option, reports_argument
 from pliant.cli.terminal import echo, echo_result
 from pliant.spec.errors import CallError
 from pliant.spec.text import plural
+
+if TYPE_CHECKING:
+    from pliant.evaluator import Scores
 
 
 @click.command("leaderboard")
@@ -45,14 +49,15 @@ def command(
     service shows to everybody. Reports of different protocols, datasets or splits are refused.
     """
     document: dict[str, object]
-    is_challenge = len(reports) == 1 and (reports[0] / "challenge.yaml").is_file()
+    shown: list[Scores] = []
     if out.suffix == ".html":
         if title is not None or hide_truth:
             raise CallError(
                 "--title and --hide-truth are for a site", fix="Name a folder: --out SITE"
             )
-        text, document = f"{plural(_write_page(reports, out), 'report')}: {out}", {"page": str(out)}
-    elif is_challenge:
+        shown = _write_page(reports, out)
+        text, document = f"{plural(len(shown), 'report')}: {out}", {"page": str(out)}
+    elif len(reports) == 1 and (reports[0] / "challenge.yaml").is_file():
         from pliant.cli.challenge import open_challenge
         from pliant.service.site import write_challenge_site
 
@@ -62,11 +67,11 @@ def command(
     else:
         from pliant.evaluator.report.site import write_site
 
-        names = write_site(reports, out, title=title, hide_truth=hide_truth)
-        text = f"{plural(len(names), 'report')}: {out / 'index.html'}"
-        document = {"site": str(out), "reports": names}
+        named = write_site(reports, out, title=title, hide_truth=hide_truth)
+        text = f"{plural(len(named), 'report')}: {out / 'index.html'}"
+        shown, document = list(named.values()), {"site": str(out), "reports": list(named)}
     echo_result(document, text, as_json=as_json)
-    if not (hide_truth or is_challenge) and _are_held_out(reports):
+    if not hide_truth and any(scores.document.get("hide_truth") for scores in shown):
         echo(
             "Warning: the reports were scored with --hide-truth, so their answers are held out, "
             "and this shows figures that reveal them. To publish: --out SITE --hide-truth.",
@@ -74,17 +79,8 @@ def command(
         )
 
 
-def _are_held_out(reports: tuple[Path, ...]) -> bool:
-    """Return whether a report is one for the host of a split that is held out."""
-    from pliant.evaluator.report.leaderboard import find_reports
-    from pliant.evaluator.scores import SCORES_JSON
-    from pliant.spec.io.jsonfiles import read_json
-
-    return any(read_json(each / SCORES_JSON).get("hide_truth") for each in find_reports(reports))
-
-
-def _write_page(reports: tuple[Path, ...], out: Path) -> int:
-    """Write the page of the table alone; return how many reports it has."""
+def _write_page(reports: tuple[Path, ...], out: Path) -> list[Scores]:
+    """Write the page of the table alone; return what it shows."""
     from pliant.evaluator.report.leaderboard import read_reports, render_leaderboard
     from pliant.spec.io.writing import replacing
 
@@ -93,4 +89,4 @@ def _write_page(reports: tuple[Path, ...], out: Path) -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
         partial.write_text(page, encoding="utf-8")
-    return len(scores)
+    return scores

@@ -116,7 +116,8 @@ def chosen_sequences(
     usable = [each for each in wanted if each.split not in dataset.held_out]
     if not usable:
         asked = (f"{name} {value}" for name, value in (("split", split), ("tier", tier)) if value)
-        splits = sorted({each.split for each in dataset} - {*dataset.held_out})
+        hidden = {*dataset.held_out} if wanted else set()
+        splits = sorted({each.split for each in dataset} - hidden)
         known = f"splits {', '.join(splits)}; tiers {', '.join(dataset.tiers)}"
         raise CallError(
             "the dataset does not contain the truth of these sequences"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import signal
-import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -71,23 +70,6 @@ class Workers:
                     self._processes[index] = self._start()
 
 
-class _Server(uvicorn.Server):
-    """A server that names its port once it listens.
-
-    Args:
-        config: Its settings.
-        listening: Called with the port.
-    """
-
-    def __init__(self, config: uvicorn.Config, listening: Callable[[int], None]) -> None:
-        super().__init__(config)
-        self._listening = listening
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        self._listening(self.servers[0].sockets[0].getsockname()[1])
-
-
 def work(root: Path, database_url: str | None) -> None:
     """Run a worker until SIGTERM, or until the process that started it has ended."""
     configure_logging()
@@ -146,7 +128,10 @@ def serve(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with Workers(root, database_url, workers):
         try:
-            _Server(config, listening).run()
+            own = config.bind_socket()
+            own.listen()  # who is told the port can connect before `run`
+            listening(own.getsockname()[1])
+            uvicorn.Server(config).run(sockets=[own])
         except SystemExit as error:
             if not error.code:
                 return

@@ -57,8 +57,8 @@ class SettingsError(CallError):
 class Settings(pydantic.BaseModel):
     """Base of every class of settings: frozen, without conversions, and without unknown keys.
 
-    Made from keyword arguments, it raises pydantic's `ValidationError`; `settings_from` takes the
-    plain values of a file, and its `SettingsError` has one sentence per problem.
+    Its `SettingsError` has one sentence per problem, whether it is made from keyword arguments or
+    by `settings_from`, which takes the plain values of a file.
     """
 
     model_config = pydantic.ConfigDict(
@@ -67,6 +67,17 @@ class Settings(pydantic.BaseModel):
         strict=True,
         allow_inf_nan=False,
     )
+
+    if not typing.TYPE_CHECKING:  # type checkers know the fields as keyword arguments
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except pydantic.ValidationError as error:
+                raise SettingsError(_problems(type(self), error)) from None
+
+        # So that pydantic does not take it for a constructor that reading must call.
+        __init__.__pydantic_base_init__ = True
 
     def replace(self, **changes: Any) -> Self:
         """Return settings with some values changed, checked like the whole.
@@ -112,11 +123,7 @@ def settings_from(
     try:
         return cls.model_validate_json(document)
     except pydantic.ValidationError as error:
-        overridden = [text.partition("=")[0].strip() for text in overrides]
-        found = error.errors(include_url=False)
-        raise SettingsError(
-            [_problem(cls, each, where, path, overridden) for each in found]
-        ) from None
+        raise SettingsError(_problems(cls, error, where, path, overrides)) from None
 
 
 def read_settings(
@@ -214,6 +221,20 @@ def _jsonable(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
     return value.item() if hasattr(value, "item") else str(value)
+
+
+def _problems(
+    cls: type[Settings],
+    error: pydantic.ValidationError,
+    where: str = "",
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+) -> list[CallError]:
+    """Return every error of pydantic as a sentence of ours."""
+    overridden = [text.partition("=")[0].strip() for text in overrides]
+    return [
+        _problem(cls, each, where, path, overridden) for each in error.errors(include_url=False)
+    ]
 
 
 def _problem(

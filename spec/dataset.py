@@ -169,12 +169,12 @@ class Dataset:
                 half.
 
         Raises:
-            CallError: There is no such file or folder.
+            CallError: The file or folder is missing.
             SpecError: It cannot be read, or is not the truth of this dataset's queries.
         """
         if not path.exists():
             raise CallError(
-                "the truth is not here",
+                "truth not found",
                 path=path,
                 fix="Give its file, its folder or the private half of the dataset: --truth PATH.",
             )

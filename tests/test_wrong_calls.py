@@ -109,12 +109,12 @@ CALLS: dict[str, tuple[Call, str]] = {
     "StepOrder": (lambda ds, store: StepOrder(0, 0, 2), "batch: .*>= 1"),
     "StepOrder rank": (lambda ds, store: StepOrder(1, 0, 2, rank=3, world=2), "0 to 1"),
     "NetworkInput": (lambda ds, store: NetworkInput("x"), "one of rgb, grey"),
+    "PairSettings views": (lambda ds, store: PairSettings(views=1), "^views: .*>= 2$"),
     "ds.frame(-1)": (lambda ds, store: ds.frame(ds[0].id, -1), "index: .*0 to 1"),
     "ds.pairs('tets')": (lambda ds, store: ds.pairs("tets"), "no queries for split 'tets'"),
 }  # fmt: skip
 
 OTHERS: dict[str, tuple[Call, type[Exception], str]] = {
-    "PairSettings views": (lambda ds, store: PairSettings(views=1), ValueError, "views\n.*>= 2"),
     "ds[99]": (lambda ds, store: ds[99], IndexError, "12 sequences, and no sequence 99"),
     "ds[0][9]": (lambda ds, store: ds[0][9], IndexError, "2 frames, and no frame 9"),
     "store.view(99)": (lambda ds, store: store.view(99), IndexError, "frame 99 of 8 frames"),

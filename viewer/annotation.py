@@ -34,6 +34,9 @@ class Annotation:
         points: Names of points to begin with.
         marks: Marks of an earlier `annotations.csv`; the names of their points are kept.
 
+    Attributes:
+        heic: Number of HEIC pictures, which are left out.
+
     Raises:
         CallError: It is not a folder, or has fewer than two pictures.
         PliantError: A picture cannot be read.
@@ -45,14 +48,14 @@ class Annotation:
         if not folder.is_dir():
             raise CallError("folder not found", path=folder)
         self.pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+        self.heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
         if len(self.pictures) < 2:
-            heic = any(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
             raise CallError(
                 "points are marked in several pictures",
                 path=folder,
                 found=plural(len(self.pictures), "picture"),
                 required="at least two of " + ", ".join(SUFFIXES),
-                fix="HEIC is not supported: save the pictures as JPEG." if heic else None,
+                fix="HEIC is not supported: save the pictures as JPEG." if self.heic else None,
             )
         self.sizes = [photo_size(picture) for picture in self.pictures]
         self.path = folder / ANNOTATIONS_CSV

@@ -25,7 +25,7 @@ _KNOWN: Final = (INDEX, README, REPORTS)
 
 def write_site(
     places: Sequence[Path], out: Path, *, title: str | None = None, hide_truth: bool = False
-) -> list[str]:
+) -> dict[str, Scores]:
     """Write a site: `index.html` with the leaderboard, `reports/NAME/` with each report.
 
     All links are relative, so it works below any URL and from a local disk.
@@ -38,7 +38,7 @@ def write_site(
             tables of pairs, rounded headline metrics.
 
     Returns:
-        The names of the reports' folders.
+        The names of the reports' folders, each with its scores.
 
     Raises:
         CallError: The reports do not compare, `out` contains something else, or `hide_truth` is
@@ -57,7 +57,7 @@ def write_site(
         for folder, scores, name in zip(folders, reports, names, strict=True):
             (site / REPORTS / name).mkdir(parents=True)
             _copy_report(folder, scores, site / REPORTS / name, hide_truth=hide_truth)
-    return names
+    return dict(zip(names, reports, strict=True))
 
 
 def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool) -> None:

@@ -78,6 +78,7 @@ def test_match_draws_and_reports(cards_root: Path, tmp_path: Path, called: Calle
         ("oracle", "120,100", "answers the queries of a dataset"),
         ("sift", "120", "two numbers"),
         ("sift", "a,b", "two numbers"),
+        ("sift", "1_0,5", "two numbers"),
         ("sift", "400,100", "outside the source picture"),
     ],
 )

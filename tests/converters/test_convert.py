@@ -249,6 +249,8 @@ def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
             CallError, match="found all sequences; required: a dataset with truth inside"
         ):
             chosen_sequences(sample)
+        with pytest.raises(CallError, match=r"no such.*split unknown; required: splits test, tr"):
+            chosen_sequences(sample, split="unknown")
     finally:
         del sample.info["held_out"]
     with pytest.raises(CallError, match="no such sequences"):

@@ -18,7 +18,9 @@ from pliant.cli.annotate import earlier_marks
 from pliant.spec.errors import CallError, SpecError
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation, Suggester
+from pliant.viewer.local_app import LocalServer
 from tests.browser import Browser, Keys
+from tests.conftest import Called
 from tests.viewer.serving import ask, below, served
 
 SIZES = {"one.jpg": (400, 300), "two.png": (300, 400), "three.webp": (200, 150)}
@@ -104,6 +106,15 @@ def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
         Annotation(tmp_path)
     with pytest.raises(CallError, match="folder not found"):
         Annotation(tmp_path / "no")
+
+
+def test_heic_files_next_to_pictures_are_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, called: Called
+) -> None:
+    (folder / "IMG_1.HEIC").touch()
+    monkeypatch.setattr(LocalServer, "run", lambda server: server._socket.close())
+    _, said, _ = called("annotate", folder, "--no-browser")
+    assert said.startswith("3 pictures; 1 HEIC file left out: save them as JPEG\n")
 
 
 def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
