@@ -99,6 +99,11 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
     if done.balls:
         frames = f"{done.balls:,} of {done.frames:,} frames"
         notes.append(f"A ball at the rope's end was separated from the masks of {frames}.")
+    if done.off_mask > done.on_mask:
+        notes.append(
+            f"{done.off_mask:,} of {done.off_mask + done.on_mask:,} visible points are not on the "
+            "masks: check that these are black outside the object, and not on it."
+        )
     document = {**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)}
     text = "\n".join([*notes, _summary(done, settings.split)])
     echo_result({**document, "notes": notes}, text, as_json=as_json)

@@ -19,6 +19,7 @@ import pyarrow as pa
 from pliant.converters.alike import Alike, alike
 from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
+from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.errors import CallError, SpecError
@@ -82,6 +83,8 @@ class Imported:
         truth: The file of the answers.
         sequences, frames, pairs, queries: How many.
         balls: Frames from whose mask a ball was separated.
+        off_mask: Visible points that are off their frame's mask.
+        on_mask: Visible points that are on it.
     """
 
     dataset: Path
@@ -91,6 +94,8 @@ class Imported:
     pairs: int
     queries: int
     balls: int
+    off_mask: int
+    on_mask: int
 
 
 def write_imported(
@@ -133,14 +138,18 @@ def write_imported(
         )
     with staged_both(out, beside) as (root, answers):
         done, total, balls = 0, sum(clip.frames for clip in clips), 0
+        on_mask: list[bool] = []
         documents = []
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
             folder = layout.sequence_dir(root, settings.id, name)
             files = []
             for frame in range(clip.frames):
-                names, ball = _write_frame(clip, frame, folder, settings.kind)
+                names, mask, ball = _write_frame(clip, frame, folder, settings.kind)
                 files += names
                 done, balls = done + 1, balls + ball
+                if mask is not None:
+                    uv_px = clip.uv_px[clip.visible[:, frame], frame].astype(np.int64)
+                    on_mask += [bool(_around(mask, u, v).any()) for u, v in uv_px]
                 if progress is not None:
                     progress(done, total)
             documents.append(_sequence(clip, name, index, settings, folder, files))
@@ -157,7 +166,8 @@ def write_imported(
         write_json(root / layout.DATASET_JSON, document, "dataset")
     pairs = int(queries["pair_id"][-1].as_py()) + 1
     answers = beside / f"{settings.split}.parquet"
-    return Imported(out, answers, len(clips), total, pairs, len(queries), balls)
+    on, off = on_mask.count(True), on_mask.count(False)
+    return Imported(out, answers, len(clips), total, pairs, len(queries), balls, off, on)
 
 
 def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
@@ -252,11 +262,19 @@ def _write_tables(
     write_table(truth_root / f"{settings.split}.parquet", truth, "truth", footer)
 
 
-def _write_frame(clip: Clip, frame: int, folder: Path, kind: str) -> tuple[list[str], bool]:
+def _around(mask: Mask, column: int, row: int) -> Mask:
+    """Return a pixel of a mask and its neighbours: a corner may be marked just outside of it."""
+    return mask[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+
+
+def _write_frame(
+    clip: Clip, frame: int, folder: Path, kind: str
+) -> tuple[list[str], Mask | None, bool]:
     """Write the files of a frame.
 
     Returns:
-        Their paths relative to the folder, and whether a rope's ball was separated from its mask.
+        Their paths relative to the folder, the frame's mask, and whether a rope's ball was
+        separated from it.
     """
     names = [layout.rgb_name(frame)]
     names += [layout.mask_name(frame)] if clip.read_mask else []
@@ -264,7 +282,7 @@ def _write_frame(clip: Clip, frame: int, folder: Path, kind: str) -> tuple[list[
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
     write_rgb(folder / names[0], clip.read(frame))
-    ball = None
+    mask = ball = None
     if clip.read_mask:
         mask = clip.read_mask(frame)
         ids = np.where(mask, OBJECT, 0).astype(np.uint8)
@@ -275,7 +293,7 @@ def _write_frame(clip: Clip, frame: int, folder: Path, kind: str) -> tuple[list[
         write_mask(folder / layout.mask_name(frame), ids)
     if clip.read_depth:
         write_camera_depth(folder / layout.camera_depth_name(frame), clip.read_depth(frame))
-    return names, ball is not None
+    return names, mask, ball is not None
 
 
 def _sequence(

@@ -203,7 +203,7 @@ def match_photo(
         for k in range(len(at_px))
     ]
     near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
-    blank = _blank(source, target)
+    blank = _blank(source, target, [bool((scale > 1).any()) for scale in (scale_a, scale_b)])
     remarks = matcher.remarks(source, target) if isinstance(matcher, RemarkingMatcher) else []
     remarks = [*remarks, *_beside_object(matcher, source, uv_a_px)]
     return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks)
@@ -296,16 +296,21 @@ def _check_queries(
             )
         if not on[number]:
             raise CallError(
-                "the query pixel is not on the object of the source mask", where="--at", found=found
+                "the query pixel is not on the object of the source mask",
+                where="--at",
+                found=found,
+                fix="Choose another pixel; if the mask is black on the object, invert it.",
             )
 
 
-def _blank(source: Frame, target: Frame) -> str:
+def _blank(source: Frame, target: Frame, reduced: Sequence[bool]) -> str:
     """Return what is wrong with pictures that show nothing, as a sentence."""
-    for name, view in (("source", source), ("target", target)):
+    named = zip(("source", "target"), (source, target), reduced, strict=True)
+    for name, view, smaller in named:
         height, width = view.rgb.shape[:2]
         if min(height, width) < _LEAST_SIDE_PX:
-            return f"The {name} is only {width}x{height} px: there is nothing to compare."
+            why = " after its reduction to --max-size" if smaller else ""
+            return f"The {name} is only {width}x{height} px{why}: there is nothing to compare."
         if float(view.rgb.mean(axis=-1).std()) < _LEAST_SPREAD:
             return f"The {name} shows one colour only: there is nothing to compare."
     return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ would be taken for the object.
 
 _LEAST_OBJECT: Final = 0.0005  # of the picture; less is noise
 _LEAST_PART: Final = 0.02  # of the largest part
+_INVERTED: Final = 0.9  # share of the border that few objects cover, and most backgrounds
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,11 @@ def read_photo_view(
         return _with_objects(photo, files.objects)
     name, notes = files.picture.name, []
     mask, why = view.mask, "the mask"
+    if mask is not None and _edge(mask).mean() > _INVERTED:
+        notes.append(
+            f"{name}: the mask covers the border of the picture. If it is black on the object, and "
+            "not outside, invert it."
+        )
     if mask is None:
         mask, why = object_on_one_colour(view.rgb), "it"
         asked = (np.array(asked_px, np.float64).reshape(-1, 2) / photo.scale).astype(np.float32)
@@ -124,12 +130,10 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     Returns:
         bool (H, W), or None where the background is not of one colour or nothing differs from it.
     """
-    edge = np.ones(rgb.shape[:2], np.bool_)
-    edge[1:-1, 1:-1] = False
-    gap = np.abs(rgb - np.median(rgb[edge], axis=0)).max(axis=2)
+    gap = np.abs(rgb - np.median(_edge(rgb), axis=0)).max(axis=2)
     differs = gap > _DIFFERS
-    background = ~differs
-    if min(np.mean(gap[part] == 0) for part in (edge, background) if part.any()) < _FLAT:
+    background = gap[~differs]
+    if min(np.mean(part == 0) for part in (_edge(gap), background) if part.size) < _FLAT:
         return None
     # What is enclosed by the object and not of the background's exact colour is a dark or bright
     # place of the object itself.
@@ -143,6 +147,13 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     if sizes.max() < _LEAST_OBJECT * differs.size:
         return None
     return np.asarray((sizes >= _LEAST_PART * sizes.max())[parts])
+
+
+def _edge(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the values of the pixels at the border, (N, ...)."""
+    inside = np.zeros(image.shape[:2], np.bool_)
+    inside[1:-1, 1:-1] = True
+    return image[~inside]
 
 
 def _with_objects(photo: PhotoView, path: Path) -> PhotoView:

@@ -25,7 +25,12 @@ BLACK: Final = 10
 
 _FLOATING: Final = "F"
 _INTEGER: Final = "I"
-_NUMBERS: Final = (_FLOATING, _INTEGER)  # Pillow's modes of 32 bits: labels, or no picture
+_LOSSY: Final = ("JPEG", "WEBP")  # Pillow's formats whose values are not those that were stored
+_WHITE: Final = 1 / 3
+"""Least share of a lossy mask that is white, if it is drawn in black and white.
+
+At JPEG quality 30, 0.4 of what is not black around a thin rope is white; the rest is ringing.
+"""
 
 _HEIC: Final = (b"heic", b"heix", b"mif1", b"msf1")
 """Brands of files that iPhones write."""
@@ -118,16 +123,24 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
 
     Raises:
         CallError: It is missing.
-        PliantError: It is not a picture that can be read, of another size, or black everywhere.
+        PliantError: It is not a picture that can be read, of another size, or black everywhere or
+            nowhere.
     """
     _check_size("mask", path, photo_size(path), size)
     with _opened(Path(path)) as opened:
-        numbers = opened.mode in _NUMBERS
-    mask = np.zeros(size[::-1], np.bool_) if numbers else (read_photo(path) > BLACK).any(axis=2)
-    if not mask.any():
+        labels, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
+    levels = np.zeros(size[::-1], np.uint8) if labels else read_photo(path).max(axis=2)
+    mask = levels > BLACK
+    if lossy and np.count_nonzero(levels > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
+        mask = levels > 127
+    if not mask.any() and not lossy:
         mask = _labelled(Path(path))
-    if not mask.any():
-        raise PliantError("the mask is black everywhere", path=path)
+    if not mask.any() or mask.all():
+        raise PliantError(
+            f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",
+            path=path,
+            required="black, or label 0, outside the object only",
+        )
     return mask
 
 
@@ -201,7 +214,7 @@ def _existing(path: Path | str) -> Path:
 def _opened(source: Path | IO[bytes]) -> Iterator[Image.Image]:
     """Open a picture, unless it is too large."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        warnings.simplefilter("ignore")  # of size, and of damaged EXIF data
         with Image.open(source) as opened:
             if max(opened.size) > MAX_IMAGE_SIDE_PX:
                 raise ValueError(
@@ -240,7 +253,7 @@ def _labelled(path: Path) -> npt.NDArray[np.bool_]:
     """Return where an image of one channel is not 0, bool (H, W): labels may be as small as 1."""
     with _opened(path) as picture:
         labels = np.asarray(ImageOps.exif_transpose(picture))
-        exact = len(picture.getbands()) == 1 and picture.format != "JPEG"
+        exact = len(picture.getbands()) == 1
     return labels != 0 if exact else np.zeros(labels.shape[:2], np.bool_)
 
 

@@ -15,7 +15,7 @@ from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from tests.converters.conftest import Rejected
-from tests.converters.importing import asked, imported
+from tests.converters.importing import asked, imported, marked
 
 # Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
 # says that viewers turn it by 90 degrees to the right, so that it is shown as 20 x 30.
@@ -102,11 +102,13 @@ def test_a_mask_that_could_be_of_another_picture_is_refused(
     masks = tmp_path / "masks"
     masks.mkdir()
     for stem, size in shown.items():
-        Image.new("L", size, 255).save(masks / f"{stem}.png")
+        mask = Image.new("L", size, 255)
+        mask.putpixel((size[0] - 1, 0), 0)
+        mask.save(masks / f"{stem}.png")
         (masks / f"{stem}.txt").write_text("0 0 1 1")
     option = ("--masks", str(masks))
     imported(photos, tmp_path / "out", *option)
-    Image.new("L", shown["b"], 255).save(masks / "b.tif")
+    mask.save(masks / "b.tif")
     several = "b.tif: a picture has several files in the folder; found b.png, b.tif"
     assert several in rejected(photos, *option, code=2)
     (masks / "b.tif").unlink()
@@ -264,3 +266,20 @@ def test_the_ball_in_a_mask_is_not_the_rope(
     assert (frame.mask & ball).sum() <= 40  # the strand's own end in it
     assert (frame.mask & ~ball).sum() >= 0.97 * (strand & ~ball).sum()
     assert "separated from the masks of 2 of 2 frames" in capsys.readouterr().out
+
+
+def test_masks_that_miss_the_marks_are_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An inverted mask is a mask, so the marks tell: a pixel outside of its edge is still on it."""
+    marks = {"a.png": {"end": (20.5, 30.5)}, "b.png": {"end": (50.5, 40.5)}}
+    source = marked(tmp_path / "source", marks)
+    for out, reach in (("near", 1), ("off", 2)):
+        for name, points in marks.items():
+            mask = np.full((60, 80), 255, np.uint8)
+            u, v = map(int, points["end"])
+            mask[v - reach + 1 : v + reach, u - reach + 1 : u + reach] = 0
+            Image.fromarray(mask).save(source / "masks" / name)
+        imported(source, tmp_path / out, "--masks", str(source / "masks"), "--kind", "cloth")
+        said = "2 of 2 visible points are not on the masks" in capsys.readouterr().out
+        assert said == (out == "off")

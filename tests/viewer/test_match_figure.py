@@ -391,6 +391,12 @@ def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) ->
     assert "nothing to compare" in match.warnings()[0]
 
 
+def test_a_reduced_picture_is_not_said_to_be_that_small() -> None:
+    strip = Frame(np.zeros((8, 1024, 3), np.uint8))
+    match = match_photo(Identity(), strip, strip, [(9, 5)], sizes=((8000, 60), (8000, 60)))
+    assert "only 1024x8 px after its reduction to --max-size:" in match.warnings()[0]
+
+
 class Strange(Identity):
     """Answers a query that is unlike its training data with full confidence."""
 

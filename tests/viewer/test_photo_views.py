@@ -11,7 +11,7 @@ from PIL import Image
 
 from pliant.baselines.views import read_frame
 from pliant.spec.errors import PliantError
-from pliant.spec.io.photo import read_photo
+from pliant.spec.io.photo import read_mask, read_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
 
@@ -34,6 +34,9 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_photo(tmp_path / name), shown, name)
     Image.fromarray(rgb).quantize(256).save(tmp_path / "colours.gif")
     assert read_photo(tmp_path / "colours.gif").shape == (6, 9, 3)
+    damaged = tmp_path / "damaged.jpg"  # the EXIF data says more than there is: Pillow warns
+    Image.fromarray(rgb).save(damaged, exif=b"Exif\0\0II*\0\x08\0\0\0\x07\0")
+    assert read_photo(damaged).shape == rgb.shape
     areas = rgb.repeat(2, 0).repeat(2, 1).reshape(4, 3, 6, 3, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(read_photo(tmp_path / "plain.png", 6), areas, atol=0.5)
 
@@ -58,10 +61,32 @@ def test_masks(tmp_path: Path) -> None:
     with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
     assert refused.value.exit_code == 1  # the data is wrong, not the call
-    Image.new("L", (9, 6)).save(tmp_path / "black.png")
-    with pytest.raises(PliantError, match="black everywhere") as refused:
-        read_frame(tmp_path / "picture.png", tmp_path / "black.png")
-    assert refused.value.exit_code == 1
+    for level, said in ((0, "black everywhere"), (255, "black nowhere")):
+        Image.new("L", (9, 6), level).save(tmp_path / "even.png")
+        with pytest.raises(PliantError, match=said) as refused:
+            read_frame(tmp_path / "picture.png", tmp_path / "even.png")
+        assert refused.value.exit_code == 1
+
+
+def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:60, :90]
+    strand = np.abs(rows - 30 - 12 * np.sin(columns / 9)) < 3
+    for name, quality in (("mask.jpg", 40), ("mask.webp", 40)):
+        Image.fromarray(strand).convert("L").save(tmp_path / name, quality=quality)
+        assert np.count_nonzero(read_mask(tmp_path / name, (90, 60)) != strand) <= 2
+    shaded = np.where(strand, 40 + columns, 0).astype(np.uint8)  # a picture on black: no mask
+    Image.fromarray(shaded).save(tmp_path / "shaded.jpg", quality=95)
+    assert (read_mask(tmp_path / "shaded.jpg", (90, 60)) >= strand).all()
+
+
+def test_an_inverted_mask_is_reported(tmp_path: Path) -> None:
+    Image.new("RGB", (40, 30), "red").save(tmp_path / "picture.png")
+    mask = np.zeros((30, 40), np.uint8)
+    mask[5:, 15:25] = 255  # leaves the picture on one side
+    for values, notes in ((mask, 0), (255 - mask, 1)):
+        Image.fromarray(values).save(tmp_path / "mask.png")
+        files = PhotoFiles(tmp_path / "picture.png", tmp_path / "mask.png")
+        assert len(read_photo_view(files).notes) == notes
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_, np.int32, np.float32])
