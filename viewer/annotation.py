@@ -57,6 +57,14 @@ class Annotation:
                 required="at least two of " + ", ".join(SUFFIXES),
                 fix="HEIC is not supported: save the pictures as JPEG." if self.heic else None,
             )
+        for picture in self.pictures:
+            if not picture.name.isprintable():
+                raise CallError(
+                    "the name of a picture has characters that cannot be printed",
+                    path=folder,
+                    found=ascii(picture.name)[:80],
+                    fix="Rename the file.",
+                )
         self.sizes = [photo_size(picture) for picture in self.pictures]
         self.path = folder / ANNOTATIONS_CSV
         self.marks: Marks = marks or {}

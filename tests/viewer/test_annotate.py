@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -106,6 +107,13 @@ def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
         Annotation(tmp_path)
     with pytest.raises(CallError, match="folder not found"):
         Annotation(tmp_path / "no")
+
+
+@pytest.mark.parametrize("name", [b"new\nline.png", b"no utf-8 \xff.png"])
+def test_names_that_annotations_cannot_say_are_refused(name: bytes, folder: Path) -> None:
+    (folder / "two.png").rename(folder / os.fsdecode(name))
+    with pytest.raises(CallError, match=r"cannot be printed; found .*\.png'. Rename the file"):
+        Annotation(folder)
 
 
 def test_heic_files_next_to_pictures_are_named(
