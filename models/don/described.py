@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 
@@ -15,6 +14,7 @@ from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired, surely_kept
 from pliant.models.don.one_rope import resized
 from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
+from pliant.models.don.table import on_plain_table
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
@@ -25,8 +25,6 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
-_TABLE_SHARE = 0.15  # standard deviation of the Gaussian of `on_plain_table`, of the width
-_LEAST_TABLE = 1e-4  # weight of the whole table's mean there
 _KEPT_UPRIGHT = 4  # both views of a pair, each as it is and as from above
 
 
@@ -75,22 +73,6 @@ def _bytes_of(described: DescribedView) -> int:
     """Return how many bytes the maps take."""
     maps = [*described.maps, *([] if described.mirrored is None else [described.mirrored])]
     return sum(each.nbytes for each in maps)
-
-
-def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
-    """Return a picture (h, w, 3) in which the table has its mean colour nearby.
-
-    One pixel around the objects stays, which shows part of them.
-    """
-    table = cv2.erode((~objects).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
-    if not table.any() or not objects.any():
-        return rgb
-    sigma_px = _TABLE_SHARE * rgb.shape[1]
-    share = cv2.GaussianBlur(table, (0, 0), sigma_px)[..., None]
-    shown = table[..., None] * rgb
-    far = _LEAST_TABLE * shown.sum(axis=(0, 1)) / table.sum()
-    mean = (cv2.GaussianBlur(shown, (0, 0), sigma_px) + far) / (share + _LEAST_TABLE)
-    return np.where(table[..., None] > 0, np.rint(mean), rgb).astype(np.uint8)
 
 
 class ViewDescriber:

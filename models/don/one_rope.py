@@ -1,8 +1,9 @@
 """The strands of one rope, in a mask found in a picture that also shows cables or other ropes.
 
 The network for masks finds everything that looks like a rope. Where its mask cannot be that of one
-rope, the strands of its skeleton are compared: those of one rope have one width and one colour. The
-rope is the largest group of strands that are alike, those at the ball before others.
+rope, the strands of its skeleton are compared: those of one rope have one width and one colour
+relative to the table around them, so that the edge of a shadow may cross them. The rope is the
+largest group of strands that are alike, those at the ball before others.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ import numpy as np
 from scipy import ndimage
 
 from pliant.baselines.tracing import MaskShape, Skeleton, half_width_px
+from pliant.models.don.table import log_ratio_to_table
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
 # Set on 24 validation pictures of ropes next to cloths, ropes and cables.
 _SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
 _ALIKE_WIDTH: Final = 1.35
-_ALIKE_COLOUR: Final = 40.0  # of 255 each, sRGB
+_ALIKE_COLOUR: Final = 1.0  # distance of tint and light, log r
 _STRANDS: Final = 80
 _LEAST_LENGTH: Final = 4.0  # of a strand whose colour counts, in half widths
 _AT_BALL: Final = 3.0  # half widths between a ball and its rope
@@ -44,7 +46,7 @@ def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | N
         return rope, ball
     shape = with_longer_side(rope.shape, _SIDE)
     small = resized(rope, shape)
-    picture = cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+    picture = np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
     small_ball = None if ball is None else resized(ball, shape)
     if small_ball is not None and not _is_round(small_ball):
         small_ball = ball = None
@@ -63,14 +65,14 @@ def _is_round(ball: Mask) -> bool:
     return bool(ball.sum() <= _ROUND * np.pi * radius**2)
 
 
-def _kept(picture: Float32Array, rope: Mask, ball: Mask | None) -> Mask:
+def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
     """Return the pixels of the rope's own strands, and of its crossings."""
     depth: FloatArray = ndimage.distance_transform_edt(rope)
     half_px = half_width_px(depth[rope])
     skeleton = Skeleton.of(rope, half_px, _STRANDS) if rope.any() else None
     if skeleton is None or len(skeleton.strands) < 2:
         return rope
-    colour = _smooth(picture, rope, half_px)
+    colour = _colour(picture, rope, half_px)
     places = [skeleton.in_mask(strand.line).astype(np.int64).T[::-1] for strand in skeleton.strands]
     half = np.array([np.median(depth[tuple(at)]) for at in places])
     hue = np.array([np.median(colour[tuple(at)], axis=0) for at in places])
@@ -94,11 +96,18 @@ def _kept(picture: Float32Array, rope: Mask, ball: Mask | None) -> Mask:
     return rope & _drawn(skeleton, own, rope.shape, float(half[best]))
 
 
-def _smooth(picture: Float32Array, rope: Mask, half_px: float) -> Float32Array:
-    """Return the mean colour of the rope around every pixel, over half of its width."""
+def _colour(rgb: Rgb, rope: Mask, half_px: float) -> Float32Array:
+    """Return how the rope around every pixel differs from the table, over half of its width.
+
+    Returns:
+        float32 (H, W, 4), the tint and the light of `log_ratio_to_table`, which do not change
+        where a shadow begins.
+    """
+    light, tint = log_ratio_to_table(rgb, ~rope)
     side = max(3, int(half_px))
+    differs = np.concatenate([tint, light[..., None]], axis=2).astype(np.float32)
     shown = cv2.blur(rope.astype(np.float32), (side, side))
-    seen = cv2.blur(picture * rope[..., None], (side, side))
+    seen = cv2.blur(differs * rope[..., None], (side, side))
     return np.asarray(seen / np.maximum(shown, 1e-3)[..., None])
 
 

@@ -20,6 +20,7 @@ from scipy import ndimage
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
 from pliant.models.don.one_rope import of_one_rope, resized
+from pliant.models.don.table import log_ratio_to_table
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
@@ -28,7 +29,6 @@ _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the
 _DECIDED: Final = 0.9
 _LEAST_ROPE: Final = 0.2
 _MARGIN_PX: Final = 4
-_TABLE_PX: Final = 12.0
 _DARKEST: Final = -2.5
 _NO_CHROMA, _CHROMA = 0.2, 0.4  # of log r: below a shadow, above an object
 _COLOURLESS: Final = 0.1  # of log r: the chroma of a grey picture
@@ -119,9 +119,7 @@ def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
 
 def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     """Return the pixels that GrabCut, or in a grey picture the network, gives to the foreground."""
-    log_ratio = _log_ratio_to_table(rgb, ~near)
-    light = log_ratio.mean(axis=-1)
-    tint = log_ratio - light[..., None]
+    light, tint = log_ratio_to_table(rgb, ~near)
     chroma = np.linalg.norm(tint, axis=-1)
     if np.percentile(chroma[near], 90) < _COLOURLESS and np.abs(light[near]).max() > _NO_LIGHT:
         return p > 0.5  # in a grey picture, all that is darker than the table looks like shadow
@@ -144,16 +142,6 @@ def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     cv2.setRNGSeed(0)
     cv2.grabCut(image, labels, (0, 0, 1, 1), table, rope, _ROUNDS, cv2.GC_INIT_WITH_MASK)
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
-
-
-def _log_ratio_to_table(rgb: Rgb, table: Mask) -> FloatArray:
-    """Return log(I / I_table), float64 (H, W, 3), I_table from the table's pixels nearby."""
-    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + 0.002  # sRGB, IEC 61966-2-1
-    share = ndimage.gaussian_filter(table.astype(np.float64), _TABLE_PX)
-    seen = np.where(table[..., None], linear, 0)
-    nearby = ndimage.gaussian_filter(seen, (_TABLE_PX, _TABLE_PX, 0)) / (share[..., None] + 1e-4)
-    around = np.where(share[..., None] > 0.02, nearby, linear[table].mean(axis=0))
-    return np.asarray(np.log(linear / around))
 
 
 def _large_parts(mask: Mask) -> Mask:

@@ -35,6 +35,14 @@ def test_cables_of_another_colour_or_width_go(half_px: float, colour: tuple[int,
     assert ball is None
 
 
+def test_the_edge_of_a_shadow_does_not_divide_a_rope() -> None:
+    rope, cable = drawn(WAVE, 7.0), drawn(CROSSING, 7.0)
+    rgb = painted((cable, CABLE), (rope, ROPE))
+    rgb[:, U[0] < 320] //= 3
+    found, _ = of_one_rope(rgb, rope | cable, None)
+    assert overlap(found, rope) > 0.93
+
+
 def test_the_rope_at_the_ball_is_taken_though_it_is_smaller() -> None:
     rope, other = drawn(APART, 7.0), drawn(WAVE, 7.0)
     ball = np.hypot(U - APART[0, 0], V - APART[0, 1]) < 17

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.models.don.described import on_plain_table
+from pliant.models.don.table import on_plain_table
 from pliant.spec.frame import Frame
 from tests.known import known
 from tests.models.don.test_prints import pairs

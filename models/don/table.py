@@ -1,0 +1,57 @@
+"""The table around an object: how else a pixel looks, and a picture in which it has no pattern.
+
+In linear light, r = I / I_table, with the table's mean colour nearby. A shadow darkens both, so
+what something is shows in log r, wherever the light comes from.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from pliant.spec.arrays import FloatArray, Mask, Rgb
+
+_TABLE_PX: Final = 12.0  # standard deviation of the Gaussians: of `log_ratio_to_table`,
+_TABLE_SHARE: Final = 0.15  # and of `on_plain_table`, of the width
+_LEAST_TABLE: Final = 1e-4  # weight of the whole table's mean
+_DARK: Final = 0.002
+
+
+def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
+    """Return how pixels differ from the table around them.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB.
+        table: bool (H, W), where the table is seen; not empty.
+
+    Returns:
+        The mean of log r over the channels, float64 (H, W), and what each channel differs from
+        it, float64 (H, W, 3).
+    """
+    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK  # sRGB, IEC 61966-2-1
+    log_ratio = np.log(linear / _nearby(linear, table, _TABLE_PX))
+    light = log_ratio.mean(axis=-1)
+    return light, log_ratio - light[..., None]
+
+
+def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
+    """Return a picture (H, W, 3) in which the table has its mean colour nearby.
+
+    One pixel around the objects stays, which shows part of them.
+    """
+    table = cv2.erode((~objects).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    if not table.any() or not objects.any():
+        return rgb
+    mean = _nearby(rgb.astype(np.float32), table, _TABLE_SHARE * rgb.shape[1])
+    return np.where(table[..., None], np.rint(mean), rgb).astype(np.uint8)
+
+
+def _nearby(values: FloatArray, table: Mask, sigma_px: float) -> FloatArray:
+    """Return the table's mean nearby, weighted by a Gaussian; far away that of all of it."""
+    weight = table[..., None].astype(values.dtype)
+    seen = weight * values
+    far = _LEAST_TABLE * seen.sum(axis=(0, 1)) / weight.sum()
+    share = cv2.GaussianBlur(weight, (0, 0), sigma_px)[..., None]
+    return (cv2.GaussianBlur(seen, (0, 0), sigma_px) + far) / (share + _LEAST_TABLE)
