@@ -69,7 +69,7 @@ class Explorer:
             token: What nobody else knows.
         """
         calls = (
-            *(_dataset, _missing, _layer, _truth, _answer, _warm, _queries),
+            *(_dataset, _missing, _layer, _truth, _answer, _warm, _start, _queries),
             *(_error, _scene, _pose, _depth),
         )
         routes = [Route(f"/api/{call.__name__[1:]}", self._bound(call)) for call in calls]
@@ -156,11 +156,24 @@ def _answer(explorer: Explorer, request: Request) -> Response:
 def _warm(explorer: Explorer, request: Request) -> Response:
     """Let a live method see a pair before the pointer moves: its features are kept."""
     pair, method = explorer.pair(request), explorer.method(request)
-    mask = pair.source.mask
-    if mask is not None and mask.any() and method.kind == "live":
-        row, column = (int(axis[0]) for axis in np.nonzero(mask))
-        method.answer(pair.at([column + 0.5, row + 0.5]))
+    if method.kind == "live" and (place := _middle(pair.source)) is not None:
+        method.answer(pair.at(place))
     return JSONResponse(True)
+
+
+def _start(explorer: Explorer, request: Request) -> Response:
+    """Return the place that two frames without queries open with."""
+    place = _middle(explorer.frame(request))
+    return JSONResponse(place and rounded(np.array(place)))
+
+
+def _middle(frame: RecordedFrame) -> tuple[float, float] | None:
+    """Return the centre of the object's pixel nearest to their mean; None without a mask."""
+    if frame.mask is None or not frame.mask.any():
+        return None
+    places = np.argwhere(frame.mask)[:, ::-1] + 0.5
+    u, v = places[np.linalg.norm(places - places.mean(axis=0), axis=1).argmin()]
+    return float(u), float(v)
 
 
 def _queries(explorer: Explorer, request: Request) -> Response:

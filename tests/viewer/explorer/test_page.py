@@ -12,6 +12,8 @@ import pytest
 
 from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.catalogue import catalogue
+from pliant.viewer.explorer.recorded import RecordedQueries
 from tests.browser import Browser, Keys
 from tests.viewer.explorer.conftest import SHIFT_PX, make_explorer
 from tests.viewer.serving import served
@@ -348,3 +350,27 @@ def test_a_browser_without_3d_and_a_set_without_queries_say_so(page: Page) -> No
         page.open()
         assert page.browser.run("return document.getElementById('free').open")
         assert page.browser.run("return document.getElementById('next').disabled")
+
+
+def test_frames_without_queries_open_at_a_point_of_the_object(
+    page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first two sequences, as each has one frame; swapped, the point is the same one."""
+    monkeypatch.setattr(page.explorer, "queries", RecordedQueries.__new__(RecordedQueries))
+    page.explorer.queries.splits, page.explorer.queries._rows = {}, {}
+    listed = catalogue(page.explorer.dataset, page.explorer.queries, page.explorer.methods)
+    for sequence in listed["sequences"]:
+        sequence[4] = 1
+    monkeypatch.setattr("pliant.viewer.explorer.app.catalogue", lambda *_: listed)
+    page.open()
+    page.answered()
+    ids = [each.id for each in page.explorer.dataset.sequences]
+    assert page.link().startswith(f"#a={ids[0]}/0&b={ids[1]}/0&")
+    frames = [page.explorer.dataset.sequence(each)[0] for each in ids[:2]]
+    assert all(frame.mask is not None for frame in frames)
+    u, v = page.place()
+    assert frames[0].mask[int(v), int(u)]  # type: ignore[index]
+    true_px = [float(each) for each in page.cell(0, 2).split(",")]
+    page.browser.keys("x")
+    page.browser.wait(f"location.hash.startsWith('#a={ids[1]}') && location.hash.includes('&u=')")
+    assert page.place() == pytest.approx(true_px, abs=0.51)

@@ -27,23 +27,24 @@ async function main() {
   document.body.dataset.ready = "yes";
 }
 
-/** What an empty address shows: the first pair, or the first sequence with itself. */
+/** What an empty address shows: the first pair, else two frames of the first sequence, else one of the first two sequences. */
 function first() {
   if (data.pairs.length) {
     const [, , a, frameA, b, frameB] = data.pairs[0];
     return { a: `${data.sequences[a][0]}/${frameA}`, b: `${data.sequences[b][0]}/${frameB}` };
   }
-  const [name, , , , frames] = data.sequences[0];
-  return { a: `${name}/0`, b: `${name}/${Math.min(1, frames - 1)}` };
+  const [name, tier, , , frames] = data.sequences[0];
+  const other = data.sequences.find((each, k) => k && each[1] === tier);
+  return { a: `${name}/0`, b: frames > 1 || !other ? `${name}/${Math.min(1, frames - 1)}` : `${other[0]}/0` };
 }
 
-/** Where no point is named: that of a query of the pair, else `place` if given. */
-async function fill(place) {
+/** Where no point is named: that of a query of the pair, else one on the object, else the middle of the picture. */
+async function fill() {
   const { a, b } = state;
   if (state.u !== null) return;
   const queries = await get("queries", { a, b }).catch(() => []);
-  const found = await opening(queries, { a, b }) ?? place;
-  if (found && state.u === null && state.a === a) pictures.move(...found);
+  const found = await opening(queries, { a, b }) ?? await get("start", { frame: a }).catch(() => null) ?? data.size.map(side => side / 2);
+  if (state.u === null && state.a === a) pictures.move(...found);
 }
 
 /** What the address names, without what the dataset does not have. */
@@ -119,9 +120,11 @@ function wire() {
   document.addEventListener("keydown", keydown);
 }
 
-/** Exchange the pictures; the true place becomes the point. */
+/** Exchange the pictures; the true place becomes the point, where the target shows it. */
 function swap() {
+  const truth = pictures.shownTruth();
   set({ a: state.b, b: state.a, u: null, v: null, pinned: false });
+  if (truth?.visibility === "visible") pictures.move(...truth.place);
 }
 
 function keydown(event) {
@@ -142,7 +145,7 @@ function keydown(event) {
     if (moves[event.key] && !event.target.closest?.("button")) actions[event.key] = () => scene?.step(moves[event.key][0]);
   } else if (moves[event.key]) {
     const move = () => pictures.move(state.u + moves[event.key][0], state.v + moves[event.key][1]);
-    actions[event.key] = () => state.u === null ? fill(data.size.map(side => side / 2)) : move();
+    actions[event.key] = () => state.u === null ? fill() : move();
   } else if (event.key === "Enter" && event.target.closest?.(".frame")) {
     actions.Enter = () => set({ pinned: !state.pinned });
   } else if (layers[Number(event.key) - 1] && !layers[Number(event.key) - 1].disabled) {

@@ -127,6 +127,9 @@ export function show(truth, answers) {
   draw();
 }
 
+/** The truth of the point that is shown, or null. */
+export const shownTruth = () => state.u === null ? null : found.truth;
+
 function draw() {
   if (!data) return;
   for (const side of sides) {
