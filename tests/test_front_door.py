@@ -114,8 +114,10 @@ def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path:
 
 
 def test_a_dataset_validates(tiny_dataset: Path, ds: Dataset) -> None:
-    assert pliant.validate(ds).valid
-    assert pliant.validate(tiny_dataset).frames == 30
+    report = pliant.validate(ds)
+    assert [str(issue) for issue in report.issues] == []
+    assert pliant.validate(tiny_dataset) == report
+    assert report.frames == 30
 
 
 def test_the_ten_lines_of_the_readme_run(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The methods on rendered pictures, scored by the evaluator itself."""
+"""What methods are given of rendered pictures."""
 
 from __future__ import annotations
 
@@ -7,34 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant import evaluator
-from pliant.baselines import METHODS
 from pliant.baselines.pixels import lies_on
-from pliant.baselines.predict import predict
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.parquet import read_table
 from tests.known import known
 
 pytestmark = pytest.mark.blender
-
-SPLIT = "test"
-
-
-def test_matches_are_scored(tiny_dataset: Path, tmp_path: Path) -> None:
-    out = tmp_path / "surf.parquet"
-    done = predict(Dataset.open(tiny_dataset), SPLIT, METHODS["surf"](), out, "matches")
-    errors = [issue for issue in evaluator.check(out, tiny_dataset) if issue.severity == "error"]
-    assert errors == []
-    scores = evaluator.evaluate(out, tiny_dataset)
-    assert (scores.document["protocol"], scores.method) == ("matches", "surf")
-    assert done.rows == len(read_table(out, "matches"))
 
 
 def test_masks_are_the_queried_object(tiny_dataset: Path) -> None:
     """The rope without its ball; queries lie on it to within a pixel of its edge."""
     dataset = Dataset.open(tiny_dataset)
-    queries = dataset.queries(SPLIT)
-    rope = next(s for s in dataset.sequences if s.tier == "rope" and s.split == SPLIT)
+    queries = dataset.queries("test")
+    rope = next(s for s in dataset.sequences if s.tier == "rope" and s.split == "test")
     view = rope[0]
     surface = rope.surface(0)
     assert set(np.unique(surface.object_id)) == {0, 1, 2}

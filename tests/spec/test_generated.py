@@ -12,12 +12,6 @@ from pliant.spec.validation.validate import validate
 from tests.conformance.steps import perform
 
 
-def test_a_generated_set_is_valid(tiny_dataset: Path) -> None:
-    report = validate(tiny_dataset)
-    assert [str(issue) for issue in report.issues] == []
-    assert report.frames == 30
-
-
 def test_a_generated_episode_is_valid(tiny_episode: Path) -> None:
     assert [str(issue) for issue in validate(tiny_episode).issues] == []
 
