@@ -99,9 +99,12 @@ def _print_differences(
             if item.low == item.low:
                 interval = f" [{shown.written(item.low)}, {shown.written(item.high)}]"
             value = f"{'+' if item.value > 0 else ''}{shown.written(item.value)}"
+            counted = plural(item.sequences, "sequence")
+            if item.verdict == "no clear difference" and item.sequences_needed is not None:
+                counted += f"; about {item.sequences_needed:,} would separate them"
             echo(
                 f"  {item.method} against {item.against}: {value}{interval}: {item.verdict} "
-                f"({_sequences(item.sequences, item.sequences_needed)})"
+                f"({counted})"
             )
     if without:
         most = max(item.sequences for item in without)
@@ -126,8 +129,3 @@ def _with_values(
     return [
         name if values[name] is None else f"{name} {shown.written(values[name])}" for name in order
     ]
-
-
-def _sequences(count: int, needed: int | None) -> str:
-    text = plural(count, "sequence")
-    return text if needed is None else f"{text}; about {needed:,} would separate them"

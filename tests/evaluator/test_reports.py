@@ -200,6 +200,7 @@ def test_compare_prints_verdicts_or_json(reports: Path, capsys: pytest.CaptureFi
     out = capsys.readouterr().out
     assert "RMSE (px), overall, lower is better\n  far against near: +" in out
     assert "Ranks by RMSE: 1. near, 2. far" in out
+    assert "would separate them" not in out  # they are
     assert run(["compare", *folders, "--metric", "rmse_px", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["methods"] == ["near", "far"]
