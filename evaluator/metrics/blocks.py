@@ -269,7 +269,8 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
         raise SpecError(
             f"the truth of split {split} is not here",
             path=truth,
-            fix="Give its file, its folder or the private half of the dataset with --truth.",
+            fix="Give its file, its folder or the private half of the dataset with --truth. Where "
+            "its publisher withholds it, `pliant check` finds the problems of a submission.",
         )
     found = footer_of(open_table(truth), truth)
     required = {
