@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 @choice_option("--split", ["train", "val", "test"], "Split of the imported data.", "test")
 @click.option("--title", default="", help="Title of the dataset, one line.")
 @click.option("--licence", default="LicenseRef-unknown", show_default=True, help="SPDX identifier.")
+@click.option(
+    "--version",
+    default="1.0.0",
+    show_default=True,
+    metavar="X.Y.Z",
+    help="Version of the dataset; corrected annotations need a new one.",
+)
 @choice_option(
     "--queries",
     ["first", "strided", "pairs"],

@@ -7,6 +7,7 @@ every reader and the validator take it, and nothing is invented. The truth is a 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -57,6 +58,7 @@ class ImportSettings:
         split: The split that all of it becomes.
         title: One line for people.
         licence: SPDX identifier of the data's licence, or `LicenseRef-unknown`.
+        version: The dataset's version, three numbers.
         queries: Which pairs of frames are asked about.
         pairs: Of scheme `pairs`, the most pairs of a clip.
         size: (width, height) to bring every frame to, px; None keeps their common size.
@@ -68,6 +70,7 @@ class ImportSettings:
     split: Literal["train", "val", "test"] = "test"
     title: str = ""
     licence: str = "LicenseRef-unknown"
+    version: str = "1.0.0"
     queries: Scheme = "pairs"
     pairs: int = 100
     size: tuple[int, int] | None = None
@@ -195,6 +198,13 @@ def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
                 found=escape(found),
                 fix="Remove it.",
             )
+    if not re.fullmatch("[0-9]+[.][0-9]+[.][0-9]+", settings.version):
+        raise CallError(
+            "invalid version",
+            where="--version",
+            found=repr(settings.version)[:80],
+            required="three numbers, such as 1.0.0",
+        )
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
 
@@ -250,7 +260,7 @@ def _write_tables(
     truth: pa.Table,
 ) -> None:
     """Write the three tables; that of the truth in the folder `truth_root`."""
-    identity = {"dataset": {"id": settings.id, "version": "1.0.0"}}
+    identity = {"dataset": {"id": settings.id, "version": settings.version}}
     rows = [{**document, "coverage": None, "self_occluded": 0.0} for document in documents]
     table = pa.Table.from_pylist(rows, schema=SEQUENCES)
     write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
@@ -347,7 +357,7 @@ def _dataset(
     return {
         "spec_version": SPEC_VERSION,
         "id": settings.id,
-        "version": "1.0.0",
+        "version": settings.version,
         "title": settings.title or settings.id,
         "description": "Imported images and point annotations. Not known: "
         + ", ".join(unsaid)

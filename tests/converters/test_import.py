@@ -38,7 +38,8 @@ def knots_folder(folder: Path, document: Any = KNOTS, frames: int = 3) -> Path:
 
 
 def test_knots_come_out_where_they_are(tmp_path: Path) -> None:
-    dataset = imported(knots_folder(tmp_path / "knots"), tmp_path / "out", "--licence", "CC0-1.0")
+    options = ("--licence", "CC0-1.0", "--version", "1.10.0")
+    dataset = imported(knots_folder(tmp_path / "knots"), tmp_path / "out", *options)
     assert asked_and_true(tmp_path / "out") == [
         # Box of the points seen in frame 1: u 7 to 13, v 6 to 20, so 15 rows are the longer side.
         (0, 5.0, 6.0, 1, 7.0, 6.0, "visible", 15.0),
@@ -64,7 +65,7 @@ def test_knots_come_out_where_they_are(tmp_path: Path) -> None:
     assert {"depth", "cameras", "scale"} <= set(provenance["config"]["unknown"])
     assert dataset.held_out == ["test"]
     assert dataset.tiers["out"].variant == "unknown"
-    assert dataset.info["licence"] == "CC0-1.0"
+    assert (dataset.info["licence"], dataset.version) == ("CC0-1.0", "1.10.0")
     files = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert not {"cameras.json", "points.parquet", "correspondences.parquet"} & files
     assert not [name for name in files if name.endswith(".exr")]
@@ -125,6 +126,7 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, rejected: Rejected) -> Non
         assert said in rejected(source, "--size", size, code=2)
     said = r"--title: the text has a control or bidirectional character; found \u202e"
     assert said in rejected(source, "--title", "a\u202eb", code=2)
+    assert "invalid version" in rejected(source, "--version", "1.0", code=2)
     assert "file or folder not found" in rejected(tmp_path / "nowhere", code=2)
     (tmp_path / "no-truth").mkdir()
     (tmp_path / "no-truth" / "mine").touch()
