@@ -16,6 +16,7 @@ from pliant.evaluator.metrics.distribution import (
 )
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.metrics.orbit import Orbit, OrbitSettings
+from pliant.evaluator.statistics.ratios import Ratio
 from tests.evaluator.hand_made import Split, off_by, split
 
 NAN = math.nan
@@ -137,24 +138,36 @@ def test_answers_to_points_with_an_equal_partner() -> None:
         [(30, 10, True)],  # hidden point
         [(30, 10, True), (30, 18, True)],  # the discs of two partners touch
         [(NAN, NAN, True)],  # behind the camera
+        [(30, 10, True), (10, 25, True)],  # two partners, answered at the first
     ]
-    answer_px = off_by(-4, 24, -4.1, NAN, 0, 0, 0, 2, 0, 0, 0)
+    answer_px = off_by(-4, 24, -4.1, NAN, 0, 0, 0, 2, 0, 0, 0, 20)
     answer_px[3] = NAN
-    sigma = np.full(11, 0.5)
-    queries = split([1] * 11)
+    sigma = np.full(12, 0.5)
+    queries = split([1] * 12)
     made = Split(queries, answer_px, hidden=[8], partners=partners, answers={"sigma_px": sigma})
     found = made.found(Orbit(ORBIT, made.context))
     assert not found.notes
-    assert made.column("orbit_points") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0]
-    assert made.column("orbit_hits") == [1, 1, 0, 0, 0, 1, 0, 1, 0, 0, 0]
-    assert made.column("orbit_decided") == [1, 1, 0, 1, 0, 1, 0, 1, 0, 0, 0]
-    assert made.column("orbit_flips") == [0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0]
-    assert made.column("orbit_distributions") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0]
+    assert made.column("orbit_points") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0, 1]
+    assert made.column("orbit_hits") == [1, 1, 0, 0, 0, 1, 0, 1, 0, 0, 0, 1]
+    assert made.column("orbit_decided") == [1, 1, 0, 1, 0, 1, 0, 1, 0, 0, 0, 1]
+    assert made.column("orbit_flips") == [0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 1]
+    assert made.column("orbit_distributions") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0, 1]
+    rates = {
+        each.name: sum(made.column(each.numerator)) / sum(made.column(each.denominator))
+        for each in Orbit.figures(ORBIT)
+        if isinstance(each, Ratio)
+    }
+    masses = {
+        f"{name}mass_4px": pytest.approx(sum(made.column(f"orbit_{column}_mass")) / 7)
+        for name, column in (("", "own"), ("partner_", "partner"), ("least_", "least"))
+    }
+    assert rates == {"orbit_pck_4px": 5 / 7, "flip_rate_4px": 3 / 6, **masses}
     # Of the disc of 4 px around a Gaussian of 1 px: all but exp(-8).
     own, partner, least = (
         made.column(f"orbit_{name}_mass") for name in ("own", "partner", "least")
     )
     assert own[5] == pytest.approx(1 - math.exp(-8))
+    assert partner[11] == pytest.approx((1 - math.exp(-8)) / 2)
     assert own[3] == partner[3] == least[3] == 0
     assert own[1] == pytest.approx(0, abs=1e-9)
     assert partner[1] == own[0] == pytest.approx(0.4, abs=0.1)  # its centre is on the rim
