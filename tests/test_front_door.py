@@ -113,9 +113,10 @@ def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path:
         assert pliant.evaluate(ds, given).overall == expected
 
 
-def test_a_dataset_validates(tiny_dataset: Path, ds: Dataset) -> None:
+def test_a_generated_dataset_validates(tiny_dataset: Path, tiny_episode: Path, ds: Dataset) -> None:
     report = pliant.validate(ds)
-    assert [str(issue) for issue in report.issues] == []
+    for each in (report, pliant.validate(tiny_episode)):
+        assert [str(issue) for issue in each.issues] == []
     assert pliant.validate(tiny_dataset) == report
     assert report.frames == 30
 
