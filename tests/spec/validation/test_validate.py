@@ -55,12 +55,6 @@ def test_all_problems_in_one_pass(copy_of: Copy) -> None:
     assert validate(root, workers=3) == report  # workers do not change it
 
 
-def test_a_missing_table_is_one_problem(copy_of: Copy) -> None:
-    root = copy_of("minimal")
-    remove("sequences.parquet")(root)
-    assert validate(root).counts == {"FILE_MISSING": 1}
-
-
 def test_quick_leaves_images_and_geometry_alone(copy_of: Copy) -> None:
     root = copy_of("full")
     listed(
