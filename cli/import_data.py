@@ -97,7 +97,8 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
         masks=given.pop("masks"),
         depth=given.pop("depth"),
     )
-    found = read_source(source, options)
+    with progress_bar("Reading", "files", hidden=as_json) as bar:
+        found = read_source(source, options, bar)
     defaults = {"id": out.resolve().name, "kind": found.kind, "queries": found.queries}
     settings = ImportSettings(**defaults | {k: v for k, v in given.items() if v not in (None, "")})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:

@@ -19,6 +19,7 @@ from pliant.converters.tapvid import read_tapvid
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.marks import ANNOTATIONS_CSV
+from pliant.spec.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,16 @@ class Source:
     notes: Sequence[str] = ()
 
 
-def read_source(path: Path, options: PictureOptions | None = None) -> Source:
+def read_source(
+    path: Path, options: PictureOptions | None = None, progress: Progress | None = None
+) -> Source:
     """Read annotated pictures or point tracks.
 
     Args:
         path: `annotations.csv`, a COCO or LabelMe file, the folder of one of them or of
             `knots_info.json`, or an npz file of TAP-Vid tracks, or a folder of such files.
         options: How annotated pictures are read.
+        progress: Called after every file of tracks.
 
     Raises:
         CallError: There is nothing at this path, or an option is for pictures alone.
@@ -65,7 +69,7 @@ def read_source(path: Path, options: PictureOptions | None = None) -> Source:
                 path=given,
             )
         facts = {"source": path.name, "format": "tap-vid"}
-        return Source(read_tapvid(tracks), "cloth", "first", facts)
+        return Source(read_tapvid(tracks, progress), "cloth", "first", facts)
     name, annotations = _annotations(path)
     clip = clip_of(annotations, options)
     facts = {"source": path.name, "format": name, "pixels": options.pixels, **clip.facts}

@@ -21,6 +21,7 @@ from pliant.spec.arrays import ImageArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import decode_photo
 from pliant.spec.limits import Limits, run_limited
+from pliant.spec.progress import Progress
 
 FIELDS: Final = ("video", "points", "occluded")
 
@@ -31,7 +32,7 @@ Record = dict[str, np.ndarray[Any, Any]]
 RecordOf = Callable[[Path], Record]
 
 
-def read_tapvid(files: Sequence[Path]) -> list[Clip]:
+def read_tapvid(files: Sequence[Path], progress: Progress | None = None) -> list[Clip]:
     """Read files of point tracks, each in a child process with limits.
 
     Positions are taken for shares of the frame if no visible one is above 2, else for pixels from
@@ -39,6 +40,7 @@ def read_tapvid(files: Sequence[Path]) -> list[Clip]:
 
     Args:
         files: npz files, a clip each.
+        progress: Called after every file.
 
     Returns:
         The clips, in the order of the files.
@@ -66,7 +68,12 @@ def read_tapvid(files: Sequence[Path]) -> list[Clip]:
     def record_of(path: Path) -> Record:
         return run_limited(partial(read_npz, path), limits=_LIMITS, path=path)
 
-    return [_clip(path, record_of) for path in files]
+    clips = []
+    for path in files:
+        clips.append(_clip(path, record_of))
+        if progress is not None:
+            progress(len(clips), len(files))
+    return clips
 
 
 def read_npz(path: Path) -> Record:

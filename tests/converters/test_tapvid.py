@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from pliant.cli.main import run
-from pliant.converters import tapvid
+from pliant.converters import read_source, tapvid
 from pliant.evaluator import evaluate
 from pliant.spec.errors import SpecError
 from tests.converters.conftest import Rejected
@@ -118,6 +118,9 @@ def test_the_code_of_the_page_converts_a_pickle(
 def test_clips_of_two_sizes_need_one(tmp_path: Path, rejected: Rejected) -> None:
     saved(tmp_path / "clips", "a")
     path = saved(tmp_path / "clips", "b", **tracks(60, 80)).parent
+    steps: list[tuple[int, int]] = []  # each file takes a process
+    read_source(path, progress=lambda done, total: steps.append((done, total)))
+    assert steps == [(1, 2), (2, 2)]
     said = rejected(path, code=2)
     assert "found 40x30, 80x60" in said
     assert "Give --size WxH" in said
