@@ -42,9 +42,11 @@ def fetch(address: str, token: str | None = None) -> bytes:
             return str(error.headers).encode() + error.read()
 
 
-def test_port_0_is_any_free_port(make_trial: MakeTrial, tmp_path: Path) -> None:
-    log = tmp_path / "log"
-    server = Server(make_trial().challenge.root, log, "--workers", "0", "--port", "0")
+def test_port_0_is_any_free_port_and_a_taken_one_is_refused(
+    make_trial: MakeTrial, tmp_path: Path
+) -> None:
+    root, log = make_trial().challenge.root, tmp_path / "log"
+    server = Server(root, log, "--workers", "0", "--port", "0")
     try:
         end = time.monotonic() + 120
         while not (named := re.search(r"Serving .* on (http://\S+);", log.read_text())):
@@ -53,6 +55,9 @@ def test_port_0_is_any_free_port(make_trial: MakeTrial, tmp_path: Path) -> None:
             time.sleep(0.1)
         assert not named[1].endswith(":8000")
         assert b"ok" in fetch(f"{named[1]}/healthz")
+        port = named[1].rpartition(":")[2]
+        assert Server(root, log, "--workers", "0", "--port", port).process.wait(120) == 2
+        assert f"127.0.0.1:{port}: the server cannot start. Choose another" in log.read_text()
         assert server.stop() == 0
     finally:
         server.kill()
