@@ -15,6 +15,7 @@ from pliant.evaluator.statistics.bootstrap import Bootstrap, interval, intervals
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import fewest_sequences, paired_difference
+from pliant.spec.errors import CallError
 
 SETTINGS = Bootstrap(unit="sequences", replicates=100, seed=5, level=0.9)
 SHARE = Ratio("pck", "higher", "", "", numerator="hits", denominator="asked")
@@ -131,7 +132,7 @@ def test_an_interval_by_hand() -> None:
     assert small == pytest.approx([math.exp(middle - reach) / 100, math.exp(middle + reach) / 100])
     values[0] = 0
     assert interval(ERROR, 3.0, values, 0.9, 5, 2)[0] < 1
-    with pytest.raises(ValueError, match="level"):
+    with pytest.raises(CallError, match=r"^level: "):
         Bootstrap(unit="sequences", replicates=100, seed=0, level=1.0)
 
 
