@@ -219,6 +219,19 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
     assert browser.errors() == []
 
 
+def test_a_whole_picture_stays_whole_in_another_window(browser: Browser, folder: Path) -> None:
+    is_whole = "left >= 0 && left + picture().width * zoom <= view.getBoundingClientRect().width"
+    with shown(browser, Annotation(folder, ["ball"])):
+        browser.size(390, 800)
+        browser.wait(is_whole)
+        browser.keys("+")
+        browser.keys("+")
+        before = browser.run("return [zoom, left]")
+        browser.size(700, 800)
+        browser.run("return new Promise(requestAnimationFrame)")
+        assert browser.run("return [zoom, left]") == before
+
+
 def test_two_fingers_zoom_and_mark_nothing(browser: Browser, folder: Path) -> None:
     annotation = Annotation(folder, ["ball"])
     with shown(browser, annotation):

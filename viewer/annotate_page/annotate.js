@@ -3,6 +3,7 @@ const $ = id => document.getElementById(id);
 const view = $("view"), small = $("small"), images = new Map();
 let state = {pictures: [], points: [], marks: {}, suggests: false}, at = 0, other = 0, chosen = null, past = [];
 let zoom = 1, left = 0, top_ = 0;  // of the picture in the view, CSS pixels
+let whole = "";  // these where all of the picture is in the view
 
 const picture = (k = at) => state.pictures[k];
 const own = (k = at) => state.marks[picture(k).name] ||= Object.create(null);
@@ -60,6 +61,7 @@ function fit() {
   const {width, height} = picture(), box = view.getBoundingClientRect();
   zoom = Math.min(box.width / width, box.height / height) * .97;
   left = (box.width - width * zoom) / 2; top_ = (box.height - height * zoom) / 2;
+  whole = `${[zoom, left, top_]}`;
   draw();
 }
 function zoomBy(factor, x, y) {
@@ -220,7 +222,7 @@ $("add").onsubmit = event => {
   $("new").value = "";
 };
 $("other").onchange = () => { other = Number($("other").value); render(); };
-window.onresize = draw;
+window.onresize = () => whole === `${[zoom, left, top_]}` ? fit() : draw();  // a phone that is turned
 (async () => {
   state = copy(await (await fetch("state")).json());
   at = Math.min(Math.max(Number(location.hash.slice(1)) || 1, 1), state.pictures.length) - 1;
