@@ -143,7 +143,7 @@ def _scored(
             fix="Use --protocol matches for keypoint matches, another for answers.",
         )
     split = loaded.submission.split
-    protocol.check_episodes(dataset, split, loaded.queries)
+    protocol.check_episodes(dataset, split, loaded.queries, allow_empty=True)
     name = layout.truth_name(split)
     path = dataset.local(name) if dataset.has(name) else dataset.root / name
     if protocol.kind == "answers":

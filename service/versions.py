@@ -77,7 +77,8 @@ def add_version(
     dataset = Dataset.open(challenge.public)
     if phase.split not in dataset.splits_with_queries():
         raise SpecError(f"the public half has no queries of split {phase.split}")
-    protocol.check_episodes(dataset, phase.split, read_queries(dataset, phase.split))
+    queries = read_queries(dataset, phase.split)
+    protocol.check_episodes(dataset, phase.split, queries, allow_empty=False)  # it may rank by any
     known = versions_of(session, phase.name)
     if known:
         kind = parse_protocol(challenge.protocol_path(known[0].protocol_sha256).read_bytes()).kind

@@ -89,22 +89,28 @@ class Protocol(Settings):
         """The averaged metrics by name."""
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
 
-    def check_episodes(self, dataset: Dataset, split: str, queries: Queries) -> None:
-        """Refuse a split without episodes where the headline has figures of episodes alone.
+    def check_episodes(
+        self, dataset: Dataset, split: str, queries: Queries, *, allow_empty: bool
+    ) -> None:
+        """Refuse a split without episodes for a headline with figures of episodes alone.
 
         Args:
             dataset: The dataset.
             split: The split.
             queries: Its queries.
+            allow_empty: Accept figures without a value next to others with one.
 
         Raises:
             CallError: The headline would have figures without a value.
         """
-        asked = any(
-            metric_class(family).episodes and figure.name in self.headline
+        of_episodes = {
+            figure.name
             for family, settings in self.settings.items()
             for figure in metric_class(family).figures(settings)
-        )
+            if metric_class(family).episodes
+        }
+        needs = [name in of_episodes for name in self.headline]
+        asked = all(needs) if allow_empty else any(needs)
         if asked and not queries.in_episode(dataset).any():
             raise CallError(
                 f"protocol {self.name} scores points followed through episodes",

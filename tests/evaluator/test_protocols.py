@@ -56,7 +56,7 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
     protocol = read_protocol(name)
     families = [metric_class(name).figures(each) for name, each in protocol.settings.items()]
     assert sum(map(len, families)) == len(protocol.figures), "two metrics share a name"
-    if name in ("track", "tapvid-first", "tapvid-strided"):
+    if name in ("tapvid-first", "tapvid-strided"):
         with pytest.raises(CallError, match=f"{name} scores points .*; found no image pair"):
             scene.score(tmp_path, protocol=name)
     elif protocol.kind == "answers":
@@ -102,8 +102,9 @@ def test_the_golden_score_is_what_its_offsets_say() -> None:
     assert golden["pck_16px"] == 1
 
 
-def test_points_that_move_are_scored_beside_all() -> None:
-    scores = evaluate(TINY / "submission.parquet", TINY / "dataset", protocol="tapvid")
+@pytest.mark.parametrize("name", ["tapvid", "track"])
+def test_points_that_move_are_scored_beside_all(name: str) -> None:
+    scores = evaluate(TINY / "submission.parquet", TINY / "dataset", protocol=name)
     moving = tiny_errors(moving=True)
     assert 0 < len(moving) <= len(tiny_errors())
     assert scores.overall["rmse_px_moving"] == pytest.approx(np.sqrt(np.mean(moving**2)), abs=1e-5)
