@@ -123,8 +123,8 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
 
     Raises:
         CallError: It is missing.
-        PliantError: It is not a picture that can be read, of another size, or black everywhere or
-            nowhere.
+        PliantError: It is not a picture that can be read, of another size, black everywhere, or
+            black nowhere without being of one value: an object may fill its picture.
     """
     _check_size("mask", path, photo_size(path), size)
     with _opened(Path(path)) as opened:
@@ -135,7 +135,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         mask = levels > 127
     if not mask.any() and not lossy:
         mask = _labelled(Path(path))
-    if not mask.any() or mask.all():
+    if not mask.any() or (mask.all() and (labels or levels.min() < levels.max())):
         raise PliantError(
             f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",
             path=path,

@@ -40,7 +40,7 @@ def marked(folder: Path, marks: Mapping[str, Mapping[str, tuple[float, float]]])
     for name, points in marks.items():
         images: dict[str, npt.NDArray[Any]] = {
             "": random.integers(0, 255, (60, 80, 3), np.uint8),
-            "masks": np.pad(np.full((58, 78), 255, np.uint8), 1),
+            "masks": np.full((60, 80), 255, np.uint8),
             "depth": np.tile(np.arange(800, 880, dtype=np.uint16), (60, 1)),
         }
         for kind, values in images.items():

@@ -61,11 +61,15 @@ def test_masks(tmp_path: Path) -> None:
     with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
     assert refused.value.exit_code == 1  # the data is wrong, not the call
-    for level, said in ((0, "black everywhere"), (255, "black nowhere")):
-        Image.new("L", (9, 6), level).save(tmp_path / "even.png")
+    for lowest, highest, said in ((0, 0, "black everywhere"), (90, 255, "black nowhere")):
+        drawn[:] = lowest
+        drawn[2:4, 3] = highest
+        Image.fromarray(drawn).save(tmp_path / "refused.png")
         with pytest.raises(PliantError, match=said) as refused:
-            read_frame(tmp_path / "picture.png", tmp_path / "even.png")
+            read_frame(tmp_path / "picture.png", tmp_path / "refused.png")
         assert refused.value.exit_code == 1
+    Image.new("L", (9, 6), 255).save(tmp_path / "full.png")
+    assert read_mask(tmp_path / "full.png", (9, 6)).all()
 
 
 def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
