@@ -124,18 +124,19 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     Raises:
         CallError: It is missing.
         PliantError: It is not a picture that can be read, of another size, black everywhere, or
-            black nowhere without being of one value: an object may fill its picture.
+            black nowhere and of several values; of one value, the object fills the picture.
     """
     _check_size("mask", path, photo_size(path), size)
     with _opened(Path(path)) as opened:
         labels, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
-    levels = np.zeros(size[::-1], np.uint8) if labels else read_photo(path).max(axis=2)
-    mask = levels > BLACK
-    if lossy and np.count_nonzero(levels > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
-        mask = levels > 127
-    if not mask.any() and not lossy:
-        mask = _labelled(Path(path))
-    if not mask.any() or (mask.all() and (labels or levels.min() < levels.max())):
+    values = np.zeros(size[::-1], np.uint8) if labels else read_photo(path).max(axis=2)
+    mask = values > BLACK
+    if lossy and np.count_nonzero(values > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
+        mask = values > 127
+    if not mask.any() and not lossy:  # labels may be as small as 1
+        values = _labels(Path(path))
+        mask = values != 0
+    if not mask.any() or (mask.all() and (values != values[0, 0]).any()):
         raise PliantError(
             f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",
             path=path,
@@ -249,12 +250,11 @@ def _unreadable(path: Path, error: Exception) -> PliantError:
     return PliantError(f"the picture cannot be read ({said})", path=path)
 
 
-def _labelled(path: Path) -> npt.NDArray[np.bool_]:
-    """Return where an image of one channel is not 0, bool (H, W): labels may be as small as 1."""
+def _labels(path: Path) -> npt.NDArray[Any]:
+    """Return the values of an image of one channel, (H, W); of another image, zeros."""
     with _opened(path) as picture:
         labels = np.asarray(ImageOps.exif_transpose(picture))
-        exact = len(picture.getbands()) == 1
-    return labels != 0 if exact else np.zeros(labels.shape[:2], np.bool_)
+    return labels if labels.ndim == 2 else np.zeros(labels.shape[:2], np.bool_)
 
 
 def _eight_bit(picture: Image.Image) -> Image.Image:

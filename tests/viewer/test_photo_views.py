@@ -68,8 +68,19 @@ def test_masks(tmp_path: Path) -> None:
         with pytest.raises(PliantError, match=said) as refused:
             read_frame(tmp_path / "picture.png", tmp_path / "refused.png")
         assert refused.value.exit_code == 1
-    Image.new("L", (9, 6), 255).save(tmp_path / "full.png")
-    assert read_mask(tmp_path / "full.png", (9, 6)).all()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
+def test_a_mask_without_black_is_of_one_value(dtype: Any, tmp_path: Path) -> None:
+    """An object may fill its picture; two labels without 0 do not say what is outside."""
+    path, drawn = tmp_path / "mask.tif", np.ones((6, 9), dtype)
+    for value in (255, 1):
+        Image.fromarray(drawn * dtype(value)).save(path)
+        assert read_mask(path, (9, 6)).all()
+    drawn[2:4, 3] = 2
+    Image.fromarray(drawn).save(path)
+    with pytest.raises(PliantError, match="black nowhere"):
+        read_mask(path, (9, 6))
 
 
 def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
