@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.metrics.blocks import check_truth
 from pliant.evaluator.protocols.protocol import Protocol, read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.scoring import score
@@ -14,6 +13,7 @@ from pliant.spec.calls import check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.limits import Limits
+from pliant.spec.opening import check_truth
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
@@ -53,7 +53,7 @@ def evaluate(
     Raises:
         SubmissionError: Something is wrong with the submission; `issues` has every cause.
         SpecError: The dataset or the truth is at fault.
-        CallError: No such protocol, or one for another kind of submission.
+        CallError: No such protocol or truth, or a protocol for another kind of submission.
 
     Examples:
         >>> path = pliant.predict("sample", "centroid").write("answers.parquet")

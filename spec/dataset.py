@@ -19,7 +19,7 @@ from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import Tier
-from pliant.spec.opening import check_names, check_version, tiers_of
+from pliant.spec.opening import check_names, check_truth, check_version, foreign_truth, tiers_of
 from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.sequence import RecordedFrame, SequenceRecord, decoded_images
 from pliant.spec.storage import layout
@@ -182,16 +182,11 @@ class Dataset:
             files = [path / f"{split}.parquet" for split in self.splits_with_queries()]
             files = [file for file in files if file.is_file()]
             return reduce(Dataset.with_truth, files, self) if files else self.with_private(path)
-        footer = read_footer(path)
-        split = str(footer.get("split"))
-        known = {name: self.queries_sha256(name) for name in self.splits_with_queries()}
-        if footer.get("table") != "truth" or known.get(split) != footer.get("queries_sha256"):
-            raise SpecError(
-                "the truth does not belong to these queries",
-                path=path,
-                found=f"table {footer.get('table')} of split {split}",
-                fix="Give the truth file of this dataset's split.",
-            )
+        split = str(read_footer(path).get("split"))
+        asked = self.splits_with_queries()
+        if split not in asked:
+            raise foreign_truth(path, f"split {split!r}", f"one of {', '.join(asked)}")
+        check_truth(path, self.id, self.version, split, self.queries_sha256(split))
         return replace(
             self, files=LayeredFiles(SingleFile(layout.truth_name(split), path), self.files)
         )

@@ -1,9 +1,10 @@
-"""What is checked where a dataset is opened: its version, and the names of tiers and sequences."""
+"""What is checked where a dataset is opened: its version, names, tiers, and truth."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -11,6 +12,7 @@ import pyarrow.compute as pc
 
 from pliant.spec.conventions import NAME, SPEC_VERSION
 from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet import read_footer
 from pliant.spec.io.reading import AnyFile, FileRefusedError
 from pliant.spec.model import Tier
 
@@ -65,6 +67,49 @@ def check_version(version: object, path: AnyFile) -> None:
             required=f"{SPEC_VERSION.split('.')[0]}.x",
             fix="Use a Pliant that knows it.",
         )
+
+
+def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, sha: str) -> None:
+    """Check by its footer that a truth file belongs to a dataset's split.
+
+    Args:
+        truth: The file.
+        dataset_id: The dataset's id.
+        dataset_version: Its version.
+        split: The split.
+        sha: sha256 of the split's queries file.
+
+    Raises:
+        SpecError: It belongs to something else, or is not a truth.
+    """
+    if not truth.is_file():
+        raise SpecError(
+            f"the truth of split {split} is not here",
+            path=truth,
+            fix="Give its file, its folder or the private half of the dataset with --truth. Where "
+            "its publisher withholds it, `pliant check` finds the problems of a submission.",
+        )
+    found = read_footer(truth)
+    required = {
+        "table": "truth",
+        "dataset": {"id": dataset_id, "version": dataset_version},
+        "split": split,
+        "queries_sha256": sha,
+    }
+    for field, value in required.items():
+        if found.get(field) != value:
+            raise foreign_truth(truth, f"{field} {found.get(field)!r:.120}", f"{field} {value!r}")
+
+
+def foreign_truth(truth: Path, found: str, required: str) -> SpecError:
+    """Return the error of a truth that belongs to other queries."""
+    return SpecError(
+        "the truth does not belong to these queries",
+        path=truth,
+        found=found,
+        required=required,
+        fix="Give the truth file of this dataset's split.",
+    )
 
 
 def tiers_of(info: Mapping[str, Any], path: AnyFile) -> dict[str, Tier]:

@@ -18,8 +18,8 @@ from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.spec.conventions import VISIBILITY_STATES, VISIBLE
 from pliant.spec.errors import SpecError
-from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_columns import codes
+from pliant.spec.opening import foreign_truth
 
 BLOCK_ROWS: Final = 1 << 18
 """A block takes whole pairs up to about so many queries."""
@@ -163,7 +163,7 @@ def read_blocks(
     names = ["pair_id", "query_id", "u_b", "v_b", "visibility_b", *truth_columns]
     truths = read_columns(truth, names)
     if len(truths) != queries.rows:
-        raise _foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
+        raise foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
     asked = read_columns(queries.path, ["u_a", "v_a"]) if query_pixels else None
     complete = answers.answered == queries.rows
     changes = np.flatnonzero(np.diff(queries.sequence_b)) + 1
@@ -221,7 +221,7 @@ def _check_keys(table: pa.Table, truth: Path, pair: int, row: int, starts: IntAr
         and np.array_equal(table["query_id"].to_numpy(), queries)
     ):
         found = f"other keys in rows {row} to {row + len(table)}"
-        raise _foreign_truth(truth, found, "the queries' keys")
+        raise foreign_truth(truth, found, "the queries' keys")
 
 
 def _positions(table: pa.Table, truth: Path) -> tuple[StateArray, FloatArray]:
@@ -250,48 +250,6 @@ def _capped(
     far = np.flatnonzero(visible & (length > most_px))
     capped[far] = true_px[far] + offset[far] * (most_px / length[far])[:, None]
     return capped
-
-
-def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, sha: str) -> None:
-    """Check by its footer that a truth file belongs to a dataset's split.
-
-    Args:
-        truth: The file.
-        dataset_id: The dataset's id.
-        dataset_version: Its version.
-        split: The split.
-        sha: sha256 of the split's queries file.
-
-    Raises:
-        SpecError: It belongs to something else, or is not a truth.
-    """
-    if not truth.is_file():
-        raise SpecError(
-            f"the truth of split {split} is not here",
-            path=truth,
-            fix="Give its file, its folder or the private half of the dataset with --truth. Where "
-            "its publisher withholds it, `pliant check` finds the problems of a submission.",
-        )
-    found = footer_of(open_table(truth), truth)
-    required = {
-        "table": "truth",
-        "dataset": {"id": dataset_id, "version": dataset_version},
-        "split": split,
-        "queries_sha256": sha,
-    }
-    for field, value in required.items():
-        if found.get(field) != value:
-            raise _foreign_truth(truth, f"{field} {found.get(field)!r:.120}", f"{field} {value!r}")
-
-
-def _foreign_truth(truth: Path, found: str, required: str) -> SpecError:
-    return SpecError(
-        "the truth does not belong to these queries",
-        path=truth,
-        found=found,
-        required=required,
-        fix="Give the truth file of this dataset's split.",
-    )
 
 
 def _spans(starts: IntArray, changes: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:

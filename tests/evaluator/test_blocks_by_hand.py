@@ -14,11 +14,12 @@ import pytest
 
 from pliant.evaluator.metrics import blocks
 from pliant.evaluator.metrics.base import Metric
-from pliant.evaluator.metrics.blocks import check_truth, read_blocks
+from pliant.evaluator.metrics.blocks import read_blocks
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import write_table
+from pliant.spec.opening import check_truth
 from pliant.spec.tables import TRUTH
 from tests.evaluator.hand_made import Split, off_by, split
 

@@ -157,10 +157,10 @@ def test_a_foreign_truth_is_the_datasets_fault(
 ) -> None:
     path = scene.submit(tmp_path / "s.parquet")
     other = scene_maker(tmp_path / "other", seed=5, images=False)
-    with pytest.raises(SpecError, match="the truth does not belong to these queries"):
+    with pytest.raises(SpecError, match="these queries; found queries_sha256"):
         evaluate(path, scene.root, truth=other.root / "truth" / "test.parquet")
     queries = scene.root / "queries" / "test.parquet"
-    with pytest.raises(SpecError, match="these queries; found table queries of split test"):
+    with pytest.raises(SpecError, match="found table 'queries'; required: table 'truth'"):
         evaluate(path, scene.root, truth=queries)
     own = scene.root / "truth" / "test.parquet"
     elsewhere = tmp_path / "answers" / "test.parquet"
