@@ -325,10 +325,10 @@ class Dataset:
     def _existing(self, name: str) -> Path:
         if not self.has(name):
             folder, split = Path(name).parent.name, Path(name).stem
-            found = [each for each in SPLITS if self.has(f"{folder}/{each}.parquet")]
+            splits = [each for each in SPLITS if self.has(f"{folder}/{each}.parquet")]
             raise SpecError(
                 f"the dataset has no {folder} for split {split!r}",
                 path=f"{self.address}/{name}",
-                required=f"one of {found}",
+                required=f"one of {', '.join(splits)}" if splits else None,
             )
         return self.local(name)

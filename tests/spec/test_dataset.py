@@ -81,7 +81,7 @@ def test_what_is_not_there_says_so(tmp_path: Path) -> None:
     dataset = Dataset.open(DATASETS / "full")
     with pytest.raises(SpecError, match="no such sequence"):
         dataset.sequence("rope-test-000009")
-    with pytest.raises(SpecError, match=r"required: one of \['test'\]"):
+    with pytest.raises(SpecError, match=r"required: one of test$"):
         dataset.queries("val")
     with pytest.raises(CallError, match="required: 0 to 1"):
         dataset.sequence("rope-test-000000").rgb(2)
@@ -133,7 +133,7 @@ def test_truth_from_a_file_next_to_the_dataset(copy_of: Copy, tmp_path: Path) ->
     root, truth = copy_of("full"), tmp_path / "truth-of-test.parquet"
     (root / "truth" / "test.parquet").rename(truth)
     dataset = Dataset.open(root)
-    with pytest.raises(SpecError, match="no truth for split 'test'"):
+    with pytest.raises(SpecError, match=r"no truth for split 'test'$"):
         dataset.truth("test")
     whole = Dataset.open(DATASETS / "full").truth("test")
     assert dataset.with_truth(truth).truth("test").equals(whole)
