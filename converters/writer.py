@@ -22,7 +22,7 @@ from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
 from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
-from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VERSION
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.exr import write_camera_depth
@@ -198,7 +198,7 @@ def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
                 found=escape(found),
                 fix="Remove it.",
             )
-    if not re.fullmatch("[0-9]+[.][0-9]+[.][0-9]+", settings.version):
+    if not re.fullmatch(VERSION, settings.version):
         raise CallError(
             "invalid version",
             where="--version",

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from pydantic_core import core_schema
 
-from pliant.spec.conventions import NAME
+from pliant.spec.conventions import NAME, VERSION
 from pliant.spec.text import unsafe_character
 
 UNITS = {
@@ -237,7 +237,7 @@ Name = Annotated[
 ]
 """A name that a dataset, a tier or a folder can have."""
 
-Version = Annotated[str, Pattern("[0-9]+[.][0-9]+[.][0-9]+", "three numbers, such as 1.0.0")]
+Version = Annotated[str, Pattern(VERSION, "three numbers, such as 1.0.0")]
 """A version of a dataset."""
 
 Shown = Annotated[str, _Shown()]

@@ -23,6 +23,9 @@ POINT_KINDS: Final = ("surface", "centreline")
 NAME: Final = r"(?!.*\.\.)[A-Za-z0-9]([A-Za-z0-9._-]{0,126}[A-Za-z0-9])?"
 """Regular expression of names of datasets, tiers and sequences; they are folder names too."""
 
+VERSION: Final = "[0-9]+[.][0-9]+[.][0-9]+"
+"""Regular expression of versions of datasets."""
+
 SPLITS: Final = ("train", "val", "test")
 
 
