@@ -75,13 +75,13 @@ def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
     colour = _colour(picture, rope, half_px)
     places = [skeleton.in_mask(strand.line).astype(np.int64).T[::-1] for strand in skeleton.strands]
     half = np.array([np.median(depth[tuple(at)]) for at in places])
-    hue = np.array([np.median(colour[tuple(at)], axis=0) for at in places])
+    strand_colour = np.array([np.median(colour[tuple(at)], axis=0) for at in places])
     length = np.array([len(strand.line) / skeleton.scale for strand in skeleton.strands])
     telling = length >= _LEAST_LENGTH * half
     if telling.sum() < 2:
         return rope
     alike = np.abs(np.log(half[:, None] / half)) < np.log(_ALIKE_WIDTH)
-    alike &= np.linalg.norm(hue[:, None] - hue, axis=2) < _ALIKE_COLOUR
+    alike &= np.linalg.norm(strand_colour[:, None] - strand_colour, axis=2) < _ALIKE_COLOUR
     weight = alike @ (length * half) * telling
     if ball is not None and ball.any():
         away = ndimage.distance_transform_edt(~ball)
@@ -97,7 +97,7 @@ def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
 
 
 def _colour(rgb: Rgb, rope: Mask, half_px: float) -> Float32Array:
-    """Return how the rope around every pixel differs from the table, over half of its width.
+    """Return the rope's mean colour around every pixel, relative to the table.
 
     Returns:
         float32 (H, W, 4), the tint and the light of `log_ratio_to_table`, which do not change

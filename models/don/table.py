@@ -1,7 +1,7 @@
-"""The table around an object: how else a pixel looks, and a picture in which it has no pattern.
+"""Colours relative to the table around an object, and pictures without the table's pattern.
 
-In linear light, r = I / I_table, with the table's mean colour nearby. A shadow darkens both, so
-what something is shows in log r, wherever the light comes from.
+r = I / I_table in linear light, where I_table is the mean of the table's pixels nearby. A shadow
+darkens both alike, so log r is the same on either side of its edge.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import numpy as np
 
 from pliant.spec.arrays import FloatArray, Mask, Rgb
 
-_TABLE_PX: Final = 12.0  # standard deviation of the Gaussians: of `log_ratio_to_table`,
-_TABLE_SHARE: Final = 0.15  # and of `on_plain_table`, of the width
+_TABLE_PX: Final = 12.0  # standard deviation of the Gaussian of `log_ratio_to_table`
+_TABLE_SHARE: Final = 0.15  # that of `on_plain_table`, as a share of the picture's width
 _LEAST_TABLE: Final = 1e-4  # weight of the whole table's mean
-_DARK: Final = 0.002
+_DARK: Final = 0.002  # added to linear light, so that black has a logarithm
 
 
 def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
-    """Return how pixels differ from the table around them.
+    """Return log r, split into light and tint.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
         table: bool (H, W), where the table is seen; not empty.
 
     Returns:
-        The mean of log r over the channels, float64 (H, W), and what each channel differs from
-        it, float64 (H, W, 3).
+        The light: the mean of log r over the channels, float64 (H, W). The tint: how much log r
+        of each channel differs from it, float64 (H, W, 3).
     """
     linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK  # sRGB, IEC 61966-2-1
     log_ratio = np.log(linear / _nearby(linear, table, _TABLE_PX))
@@ -37,7 +37,7 @@ def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
 
 
 def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
-    """Return a picture (H, W, 3) in which the table has its mean colour nearby.
+    """Return a picture (H, W, 3) whose table is smoothed to its mean colour nearby.
 
     One pixel around the objects stays, which shows part of them.
     """
@@ -49,7 +49,10 @@ def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
 
 
 def _nearby(values: FloatArray, table: Mask, sigma_px: float) -> FloatArray:
-    """Return the table's mean nearby, weighted by a Gaussian; far away that of all of it."""
+    """Return the mean of the table's values around each pixel, weighted by a Gaussian.
+
+    Far from the table, it is the mean of the whole table.
+    """
     weight = table[..., None].astype(values.dtype)
     seen = weight * values
     far = _LEAST_TABLE * seen.sum(axis=(0, 1)) / weight.sum()
