@@ -20,7 +20,7 @@ def _positions(
     found = []
     for value in values:
         try:
-            u, v = (float(part.replace("_", "?")) for part in value.split(","))  # 1_0 is not 10
+            u, v = map(float, value.replace("_", "?").split(","))  # float() takes 1_0 for 10
         except ValueError as error:
             raise click.BadParameter(
                 f"found {value!r}; required: two numbers, such as 320.5,240.5", ctx, param

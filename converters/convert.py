@@ -116,7 +116,7 @@ def chosen_sequences(
     usable = [each for each in wanted if each.split not in dataset.held_out]
     if not usable:
         asked = (f"{name} {value}" for name, value in (("split", split), ("tier", tier)) if value)
-        hidden = {*dataset.held_out} if wanted else set()
+        hidden = {*dataset.held_out} if wanted else set()  # no such split: name every one
         splits = sorted({each.split for each in dataset} - hidden)
         known = f"splits {', '.join(splits)}; tiers {', '.join(dataset.tiers)}"
         raise CallError(

@@ -129,7 +129,7 @@ def serve(
     with Workers(root, database_url, workers):
         try:
             own = config.bind_socket()
-            own.listen()  # who is told the port can connect before `run`
+            own.listen()  # so that clients can connect once the port is known
             listening(own.getsockname()[1])
             uvicorn.Server(config).run(sockets=[own])
         except SystemExit as error:

@@ -76,7 +76,7 @@ class Settings(pydantic.BaseModel):
             except pydantic.ValidationError as error:
                 raise SettingsError(_problems(type(self), error)) from None
 
-        # So that pydantic does not take it for a constructor that reading must call.
+        # Else pydantic calls it for each nested settings, whose problems would lack their place.
         __init__.__pydantic_base_init__ = True
 
     def replace(self, **changes: Any) -> Self:

@@ -92,16 +92,16 @@ class Protocol(Settings):
     def check_episodes(
         self, dataset: Dataset, split: str, queries: Queries, *, allow_empty: bool
     ) -> None:
-        """Refuse a split without episodes for a headline with figures of episodes alone.
+        """Refuse a split without episodes if the headline needs them.
 
         Args:
             dataset: The dataset.
             split: The split.
             queries: Its queries.
-            allow_empty: Accept figures without a value next to others with one.
+            allow_empty: Accept headline figures without a value, if at least one has a value.
 
         Raises:
-            CallError: The headline would have figures without a value.
+            CallError: The split has no episodes, and headline figures would have no value.
         """
         of_episodes = {
             figure.name
@@ -109,9 +109,9 @@ class Protocol(Settings):
             for figure in metric_class(family).figures(settings)
             if metric_class(family).episodes
         }
-        needs = [name in of_episodes for name in self.headline]
-        asked = all(needs) if allow_empty else any(needs)
-        if asked and not queries.in_episode(dataset).any():
+        empty = [name in of_episodes for name in self.headline]
+        needed = all(empty) if allow_empty else any(empty)
+        if needed and not queries.in_episode(dataset).any():
             raise CallError(
                 f"protocol {self.name} scores points followed through episodes",
                 path=dataset.address,

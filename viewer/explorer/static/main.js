@@ -27,7 +27,7 @@ async function main() {
   document.body.dataset.ready = "yes";
 }
 
-/** What an empty address shows: the first pair, else two frames of the first sequence, else one of the first two sequences. */
+/** What an empty address shows: the first pair, else the first two frames of the first sequence, else its frame and one of another sequence of its tier. */
 function first() {
   if (data.pairs.length) {
     const [, , a, frameA, b, frameB] = data.pairs[0];
