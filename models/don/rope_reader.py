@@ -72,7 +72,7 @@ class RopeReader:
         self._views.share(folder / "masks")
 
     def find_masks_with(self, network: MaskNetwork) -> None:
-        """Find ropes in pictures with a network of its own from now on."""
+        """Find objects in pictures with a network of its own from now on."""
         self._views.masks = network
 
     @property
