@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
+from pliant.spec.dataset import Dataset
 from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.catalogue import catalogue
@@ -356,8 +357,8 @@ def test_frames_without_queries_open_at_a_point_of_the_object(
     page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first two sequences, as each has one frame; swapped, the point is the same one."""
-    monkeypatch.setattr(page.explorer, "queries", RecordedQueries.__new__(RecordedQueries))
-    page.explorer.queries.splits, page.explorer.queries._rows = {}, {}
+    monkeypatch.setattr(Dataset, "splits_with_queries", lambda dataset: [])
+    monkeypatch.setattr(page.explorer, "queries", RecordedQueries(page.explorer.dataset))
     listed = catalogue(page.explorer.dataset, page.explorer.queries, page.explorer.methods)
     for sequence in listed["sequences"]:
         sequence[4] = 1
