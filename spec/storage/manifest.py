@@ -121,8 +121,8 @@ def check_halves(public: Files, private: Files) -> None:
         raise SpecError(
             "this is not a private half of a published dataset",
             path=path,
-            required=f"a folder with a {layout.MANIFEST_JSON}, made by `pliant publish`, or the "
-            "file of a split's truth",
+            required=f"a folder with a {layout.MANIFEST_JSON}, made by `pliant publish`; for "
+            "--truth also SPLIT.parquet or its folder",
         )
     own: dict[str, Any] = read_json(path, "manifest")
     if own["half"] != "private":

@@ -56,7 +56,7 @@ def test_what_is_wrong_is_one_sentence(
             (1, "pliant check", data, bad),
             (1, "bad.parquet", data, "--truth", bad),
             (1, "does not belong to these queries", data, "--truth", other_truth),
-            (1, "or the file of a split's truth", data, "--truth", tmp_path),
+            (1, "for --truth also SPLIT.parquet or its folder", data, "--truth", tmp_path),
             (2, "the port cannot", data, "identity", "--port", taken.getsockname()[1]),
         ):
             (said,) = refused(code, "explore", *call, "--no-browser").strip().splitlines()
