@@ -9,6 +9,7 @@ import click
 
 from pliant.cli.options import json_option, method_options, out_option, path_option
 from pliant.cli.terminal import echo_result, progress_bar
+from pliant.spec.text import number_in
 
 if TYPE_CHECKING:
     from pliant.baselines.matcher import Matcher
@@ -20,7 +21,7 @@ def _positions(
     found = []
     for value in values:
         try:
-            u, v = map(float, value.replace("_", "?").split(","))  # float() takes 1_0 for 10
+            u, v = map(number_in, value.split(","))
         except ValueError as error:
             raise click.BadParameter(
                 f"found {value!r}; required: two numbers, such as 320.5,240.5", ctx, param

@@ -14,6 +14,7 @@ from typing import Final
 from pliant.converters.annotations import Collector, picture_in, read_rows
 from pliant.spec.errors import SpecError
 from pliant.spec.marks import COLUMNS, Mark, mark_source
+from pliant.spec.text import number_in
 
 _VISIBLE: Final = {
     **dict.fromkeys(("1", "1.0", "true", "yes"), True),  # 1.0 is what pandas makes of it
@@ -61,7 +62,7 @@ def _number(text: str, visible: bool, path: Path, where: str) -> float:
     if not text and not visible:
         return math.nan
     try:
-        value = math.nan if "_" in text else float(text)  # Python reads 1_0 as 10
+        value = number_in(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -53,6 +53,17 @@ def plural(count: int, noun: str) -> str:
     return f"{count:,} {noun}"
 
 
+def number_in(text: str) -> float:
+    """Return the number that a text is, as `float`, which alone would read `1_0` as 10.
+
+    Raises:
+        ValueError: It is not a number.
+    """
+    if "_" in text:
+        raise ValueError(f"not a number: {text!r}")
+    return float(text)
+
+
 def name_fault(name: str) -> str | None:
     """Return why a text cannot be shown as a name, in words, or None for a good name.
 
