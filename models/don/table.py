@@ -30,7 +30,7 @@ def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
         The light: the mean of log r over the channels, float64 (H, W). The tint: how much log r
         of each channel differs from it, float64 (H, W, 3).
     """
-    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK  # sRGB, IEC 61966-2-1
+    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK  # of sRGB, about
     log_ratio = np.log(linear / _nearby(linear, table, _TABLE_PX))
     light = log_ratio.mean(axis=-1)
     return light, log_ratio - light[..., None]

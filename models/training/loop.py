@@ -66,7 +66,8 @@ def train(
         Where the run stands; `average` are the weights to answer with.
 
     Raises:
-        TrainingError: The loss or its gradient is not finite, or there is no checkpoint to resume.
+        TrainingError: The gradient is NaN or infinite, or `resume` is set and the run has no
+            checkpoint.
     """
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
