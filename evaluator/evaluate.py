@@ -13,7 +13,7 @@ from pliant.spec.calls import check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.limits import Limits
-from pliant.spec.opening import check_truth
+from pliant.spec.opening import check_truth, foreign_truth
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
@@ -68,7 +68,7 @@ def evaluate(
     path = Path(submission)
     loaded = load(path, dataset, problems, allow_missing=allow_missing, limits=limits)
     return _scored(
-        loaded, problems, dataset, chosen, progress, hide_truth=hide_truth, workers=workers
+        loaded, problems, dataset, truth, chosen, progress, hide_truth=hide_truth, workers=workers
     )
 
 
@@ -112,7 +112,7 @@ def evaluate_answers(
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(method)
     loaded = load_in_memory(answers, dataset, split, method, problems, allow_missing=allow_missing)
-    return _scored(loaded, problems, dataset, chosen)
+    return _scored(loaded, problems, dataset, truth, chosen)
 
 
 def _opened(data: Dataset | Path | str, truth: Path | str | None) -> Dataset:
@@ -124,6 +124,7 @@ def _scored(
     loaded: Loaded | None,
     problems: Problems,
     dataset: Dataset,
+    truth: Path | str | None,
     chosen: Protocol | None,
     progress: Progress | None = None,
     *,
@@ -146,6 +147,10 @@ def _scored(
     protocol.check_episodes(dataset, split, loaded.queries, allow_empty=True)
     name = layout.truth_name(split)
     path = dataset.local(name) if dataset.has(name) else dataset.root / name
+    given = path if truth is None else Path(truth)
+    # A private half has the truth of held-out splits, and the surfaces of all.
+    if given not in (path, path.parent) and not (given / layout.MANIFEST_JSON).is_file():
+        raise foreign_truth(given, "other splits", f"split {split!r}, which is answered")
     if protocol.kind == "answers":
         queries_sha256 = str(loaded.submission.footer["queries_sha256"])
         check_truth(path, dataset.id, dataset.version, split, queries_sha256)

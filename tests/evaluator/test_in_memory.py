@@ -11,7 +11,8 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import Scores, evaluate_answers
-from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.errors import CallError, SpecError, SubmissionError
 from tests.evaluator.figures import figure
 
 
@@ -90,3 +91,15 @@ def test_scores_show_themselves(scene: Any, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(CallError, match="to_pandas needs pandas"):
         scores.to_pandas()
+
+
+def test_a_truth_of_another_split_is_refused(tmp_path: Path) -> None:
+    """The set's own truth of the split does not take its place."""
+    given = tmp_path / "truth" / "val.parquet"
+    given.parent.mkdir()
+    given.write_bytes((SAMPLE / "truth" / "val.parquet").read_bytes())
+    queries = Dataset.open(SAMPLE).queries("test")
+    unmoved = {"u": queries["u_a"], "v": queries["v_a"]}
+    for truth in (given, given.parent):
+        with pytest.raises(SpecError, match="found other splits; required: split 'test'"):
+            evaluate_answers(SAMPLE, "test", unmoved, truth=truth)
