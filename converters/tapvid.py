@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from pliant.spec.arrays import ImageArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import decode_photo
 from pliant.spec.limits import Limits, run_limited
+from pliant.spec.lru_cache import LRUCache
 from pliant.spec.progress import Progress
 
 FIELDS: Final = ("video", "points", "occluded")
@@ -64,9 +65,12 @@ def read_tapvid(files: Sequence[Path], progress: Progress | None = None) -> list
                 required="annotations (.csv, .json), point tracks (.npz), or a folder of them",
             )
 
-    @lru_cache(maxsize=1)  # the frames of a clip are read one after the other
+    # Clips are read once for their sizes and points, and again for their frames.
+    records = LRUCache[Record](_MAX_UNPACKED_BYTES, _bytes_of)
+
     def record_of(path: Path) -> Record:
-        return run_limited(partial(read_npz, path), limits=_LIMITS, path=path)
+        read = partial(run_limited, partial(read_npz, path), limits=_LIMITS, path=path)
+        return records.get(str(path), read)
 
     clips = []
     for path in files:
@@ -99,6 +103,10 @@ def read_npz(path: Path) -> Record:
             found=str(error)[:200],
             fix="Its arrays must be numbers, or the bytes of JPEG or PNG files",
         ) from error
+
+
+def _bytes_of(record: Record) -> int:
+    return sum(array.nbytes for array in record.values())
 
 
 def _clip(path: Path, record_of: RecordOf) -> Clip:

@@ -115,6 +115,19 @@ def test_the_code_of_the_page_converts_a_pickle(
     approximately(asked_and_true(tmp_path / "out")[3:], EXPECTED)
 
 
+def test_a_clip_is_read_by_one_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+
+    def counted(task: Any, *, path: Path, **_: Any) -> Any:
+        read.append(path)
+        return task()
+
+    monkeypatch.setattr(tapvid, "run_limited", counted)
+    paths = [saved(tmp_path / "clips", name) for name in "ab"]
+    imported(tmp_path / "clips", tmp_path / "out", warned="FRAME_REPEATED")
+    assert read == paths
+
+
 def test_clips_of_two_sizes_need_one(tmp_path: Path, rejected: Rejected) -> None:
     saved(tmp_path / "clips", "a")
     path = saved(tmp_path / "clips", "b", **tracks(60, 80)).parent
