@@ -126,16 +126,22 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         PliantError: It is not a picture that can be read, of another size, black everywhere, or
             black nowhere and of several values; of one value, the object fills the picture.
     """
-    _check_size("mask", path, photo_size(path), size)
-    with _opened(Path(path)) as opened:
-        labels, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
-    values = np.zeros(size[::-1], np.uint8) if labels else read_photo(path).max(axis=2)
+    path = _existing(path)
+    try:
+        with _opened(path) as opened:
+            numbers, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
+            ImageOps.exif_transpose(opened, in_place=True)
+            _check_size("mask", path, opened.size, size)
+            labels = np.asarray(opened)
+            rgb = np.zeros((*labels.shape, 1)) if numbers else np.asarray(_eight_bit(opened))
+    except Exception as error:  # Pillow's decoders share no base
+        raise _unreadable(path, error) from error
+    values = rgb.max(axis=2)
     mask = values > BLACK
     if lossy and np.count_nonzero(values > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
         mask = values > 127
-    if not mask.any() and not lossy:  # labels may be as small as 1
-        values = _labels(Path(path))
-        mask = values != 0
+    if not mask.any() and not lossy and labels.ndim == 2:  # labels may be as small as 1
+        values, mask = labels, labels != 0
     if not mask.any() or (mask.all() and (values != values[0, 0]).any()):
         raise PliantError(
             f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",
@@ -248,13 +254,6 @@ def _unreadable(path: Path, error: Exception) -> PliantError:
         )
     said = "the file is empty" if not start else str(error).split(" '")[0].split(" <")[0][:200]
     return PliantError(f"the picture cannot be read ({said})", path=path)
-
-
-def _labels(path: Path) -> npt.NDArray[Any]:
-    """Return the values of an image of one channel, (H, W); of another image, zeros."""
-    with _opened(path) as picture:
-        labels = np.asarray(ImageOps.exif_transpose(picture))
-    return labels if labels.ndim == 2 else np.zeros(labels.shape[:2], np.bool_)
 
 
 def _eight_bit(picture: Image.Image) -> Image.Image:
