@@ -159,9 +159,9 @@ def _not_of_phase(task: Task) -> list[Issue]:
 
 def _refused(task: Task, issues: Sequence[Issue]) -> Result:
     """Return the issues without any path of this machine."""
-    here = str(task.file)
+    file, data = str(task.file), str(task.public)
     shown = tuple(
-        {key: value.replace(here, task.name) for key, value in issue.as_dict().items()}
+        {k: v.replace(file, task.name).replace(data, "/data") for k, v in issue.as_dict().items()}
         for issue in issues[:_MOST_ISSUES]
     )
     return Result(issues=shown, counts=dict(Counter(issue.code for issue in issues)))

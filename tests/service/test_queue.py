@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, text
 
@@ -85,6 +87,25 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
             assert found.problems
             (issue,) = found.problems["issues"]
             assert issue == {**expected, "severity": "error", "path": "given.parquet"}
+
+
+def test_a_refusal_has_no_path_of_this_machine(
+    make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
+) -> None:
+    predict(Dataset.open(service_halves.public), "test", METHODS["identity"](), tmp_path / "other")
+    table = pq.read_table(tmp_path / "other")
+    footer = json.loads(table.schema.metadata[b"pliant"])
+    footer["dataset"]["version"] = "9.9.9"
+    table = table.replace_schema_metadata({b"pliant": json.dumps(footer)})
+    pq.write_table(table, tmp_path / "other")
+    trial = make_trial()
+    number = trial.send((tmp_path / "other").read_bytes())
+    trial.work(lambda task, limits: score(task))
+    found = state_of(trial, number)
+    assert found.problems
+    (issue,) = found.problems["issues"]
+    assert issue["code"] == "DATASET_MISMATCH"
+    assert issue["message"].endswith(", the dataset at /data")
 
 
 def test_position_counts_the_jobs_before(trial: Trial) -> None:
