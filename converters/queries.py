@@ -62,6 +62,7 @@ def make_queries(
         order = np.random.default_rng(_secret(clip))
         known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
         partners = _partners(clip, alike)
+        partners_px = np.where(known[..., None], clip.uv_px, -1.0)  # tables have no NaN
         asked: list[tuple[Any, ...]] = []
         true: list[tuple[Any, ...]] = []
         for a, b, points in _frame_pairs(clip, scheme, pairs, rng):
@@ -75,7 +76,7 @@ def make_queries(
                 others = [
                     {"u": u, "v": v, "visibility": _state(clip, within, partner, b)}
                     for partner in partners[point]
-                    for u, v in (clip.uv_px[partner, b],)
+                    for u, v in (partners_px[partner, b],)
                 ]
                 key = (pair, query, tier)
                 asked.append((*key, sequence, a, sequence, b, *clip.uv_px[point, a]))

@@ -93,13 +93,15 @@ def test_corners_of_a_towel_are_alternatives(tmp_path: Path) -> None:
 
 def test_a_corner_without_a_label_is_no_alternative(tmp_path: Path) -> None:
     queries, truth = towels(tmp_path, unlabelled=True)
-    states = [
-        each["visibility"]
+    alternatives = [
+        each
         for query, row in zip(queries, truth, strict=True)
         for each in row["alternatives"]
         if query["frame_b"] == 2
     ]
-    assert set(states) == {"visible", "out_of_frame"}
+    assert {each["visibility"] for each in alternatives} == {"visible", "out_of_frame"}
+    unlabelled = [each for each in alternatives if each["visibility"] == "out_of_frame"]
+    assert {(each["u"], each["v"]) for each in unlabelled} == {(-1, -1)}
     assert scored(tmp_path, [(row["u_b"], row["v_b"]) for row in truth]) == [0.0, 0.0, 0.0]
 
 
