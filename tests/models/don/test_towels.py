@@ -53,6 +53,6 @@ def test_towels_are_found_to_their_edge_in_pictures_without_masks(from_above: li
         bare = frame.without_masks()
         found, said = known(matcher.object_mask(bare)), known(matcher.working_mask(bare))
         mask = known(frame.mask)
-        assert overlap(found, mask) > 0.97
-        assert overlap(resize_nearest(said, frame.size), mask) < 0.97
+        own = overlap(resize_nearest(said, frame.size), mask)
+        assert overlap(found, mask) > max(0.97, own + 0.005)
         assert matcher.reader.masked(frame) is frame
