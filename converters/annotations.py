@@ -95,7 +95,7 @@ class Collector:
                 f"the point {point!r} is marked twice in {picture.name}",
                 path=self.path,
                 where=where,
-                fix="Give each point of an object one name, and each mark of a picture another.",
+                fix="Keep one of the two marks, or give them different names.",
             )
         self.add_picture(picture)
         known = math.isfinite(mark.u_px + mark.v_px)

@@ -173,8 +173,8 @@ def _note_missing(uv_px: RealArray, queries: Queries, problems: Problems) -> Non
         pair, query = queries.key(row)
         return (
             f"pair {pair}, query {query}",
-            "the query has no answer; required: one row per query (`pliant evaluate "
-            "--allow-missing` counts such queries as failures)",
+            "the query has no answer; required: one row per query (where some may be "
+            "missing, as by `pliant evaluate --allow-missing`, they count as failures)",
         )
 
     problems.add_rows("ROW_MISSING", np.isnan(uv_px[:, 0]), describe)
