@@ -19,6 +19,7 @@ from pliant.baselines.tracing import self_crossings
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossings import LEAST_APART
+from pliant.models.don.patch_training import fit_odds, recoloured
 from pliant.models.networks.crossing_network import (
     CrossingNetwork,
     CrossingPatches,
@@ -34,8 +35,6 @@ _LEAST_DIFFERENCE: Final = 0.3  # in the shares of both passages' points that ar
 _NEAR: Final = 1.2
 _PLACE_JITTER, _WAY_JITTER_RAD, _WIDTH_JITTER = 0.25, 0.1, 0.1
 _EPOCHS: Final = 15
-_BATCH: Final = 64
-_RATE: Final = 4e-3
 
 
 def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork | None:
@@ -57,7 +56,9 @@ def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork
     first_is_upper = torch.cat([label for _, label in found])
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return _trained(patches, first_is_upper)
+        network = CrossingNetwork()
+        fit_odds(network, lambda k: _augmented(patches.rows(k)), first_is_upper, epochs=_EPOCHS)
+        return network
 
 
 def _labelled(
@@ -108,31 +109,10 @@ def _turned(ways: FloatArray, angle_rad: FloatArray) -> FloatArray:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
-def _trained(patches: CrossingPatches, first_is_upper: torch.Tensor) -> CrossingNetwork:
-    network = CrossingNetwork()
-    batches = max(1, len(patches) // _BATCH)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=_EPOCHS * batches)
-    for _ in range(_EPOCHS):
-        order = torch.randperm(len(patches))
-        for chosen in order.tensor_split(batches):
-            odds = network(_augmented(patches.rows(chosen)))
-            loss = functional.binary_cross_entropy_with_logits(odds, first_is_upper[chosen])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-    return network.eval()
-
-
 def _augmented(patches: CrossingPatches) -> CrossingPatches:
-    picture, angle = patches.picture, patches.angle
+    picture, angle = recoloured(patches.picture), patches.angle
     count = len(picture)
     each = (count, 1, 1, 1, 1)
-    mixing = torch.eye(3) + 0.35 * torch.randn(count, 3, 3)
-    mixing = torch.where(torch.rand(count, 1, 1) < 0.2, torch.full((3, 3), 1 / 3), mixing)
-    picture = torch.einsum("nkchw,ndc->nkdhw", picture, mixing)
-    picture = picture + torch.randn_like(picture) * 0.05 * torch.rand(each).square()
     picture = torch.where(torch.rand(each) < 0.3, _blurred(picture), picture)
     # Each strand's patch on its own: mirrored across the strand, and walked the other way.
     own = (count, 2, 1, 1, 1)

@@ -1,0 +1,86 @@
+"""Small squares of an image around places, turned along a way, and networks that judge them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from pliant.spec.arrays import Float32Array, FloatArray
+
+PATCH: Final = 32
+"""Pixels along each side of a patch."""
+
+_FLATTEST: Final = 4.0 / 255
+
+
+def steps(reach: float) -> FloatArray:
+    """Return where a patch's pixels are from its middle along one side, float64 (PATCH,).
+
+    Args:
+        reach: Half its side, in any unit.
+    """
+    return ((np.arange(PATCH) + 0.5) / PATCH * 2 - 1) * reach
+
+
+def patches(
+    image: Float32Array, place_px: FloatArray, ways: FloatArray, reach_px: FloatArray
+) -> torch.Tensor:
+    """Sample squares of an image.
+
+    Args:
+        image: float32 (H, W, C).
+        place_px: float64 (N, 2), their middles.
+        ways: float64 (N, 2), unit vectors along their x axes.
+        reach_px: float64 (N,), half their sides.
+
+    Returns:
+        float32 (N, C, PATCH, PATCH).
+    """
+    along = steps(1.0)
+    across = np.stack([-ways[:, 1], ways[:, 0]], axis=-1)
+    unit = reach_px[:, None, None, None]
+    grid = (
+        place_px[:, None, None]
+        + unit * ways[:, None, None] * along[None, None, :, None]
+        + unit * across[:, None, None] * along[None, :, None, None]
+    )  # (N, rows, columns, 2)
+    height, width, channels = image.shape
+    places = torch.from_numpy((grid * 2 / [width, height] - 1).astype(np.float32))
+    planes = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
+    sampled = functional.grid_sample(
+        planes, places.view(1, -1, PATCH, 2), padding_mode="border", align_corners=False
+    )
+    return sampled[0].view(channels, -1, PATCH, PATCH).transpose(0, 1)
+
+
+def normalised(picture: torch.Tensor) -> torch.Tensor:
+    """Return grey, and red and blue less grey, of patches, with mean 0 and the grey's spread 1.
+
+    Args:
+        picture: float (N, 3, PATCH, PATCH), 0 to 1.
+    """
+    grey = picture.mean(dim=1, keepdim=True)
+    planes = torch.cat([grey, picture[:, :1] - grey, picture[:, 2:] - grey], dim=1)
+    spread = grey.flatten(1).std(dim=1)[:, None, None, None] + _FLATTEST
+    return (planes - planes.mean(dim=(2, 3), keepdim=True)) / spread
+
+
+def judging_layers(channels: int) -> nn.Sequential:
+    """Return layers that give each patch, (N, channels, PATCH, PATCH), one number: (N, 1)."""
+    layers: list[nn.Module] = []
+    for width, stride in ((16, 1), (24, 2), (32, 2), (48, 2)):
+        layers += [nn.Conv2d(channels, width, 3, stride, 1), nn.SiLU()]
+        channels = width
+    side = PATCH // 8
+    return nn.Sequential(
+        *layers,
+        nn.Flatten(),
+        nn.Dropout(0.2),
+        nn.Linear(channels * side * side, 32),
+        nn.SiLU(),
+        nn.Linear(32, 1),
+    )
