@@ -14,6 +14,7 @@ from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
+from pliant.models.networks.ball_network import BALL
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
@@ -61,7 +62,7 @@ def export_run(
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
         run has them `calibration.json`, `crossings.safetensors`, `masks.safetensors`,
-        `data.yaml` and `recipe.yaml`, and `CARD.md`.
+        `ball.safetensors`, `data.yaml` and `recipe.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a
@@ -151,7 +152,7 @@ def _write_files(
         if (run / kept).is_file():
             shutil.copyfile(run / kept, folder / kept)
     (folder / CONFIG).write_text(yaml_text(settings), encoding="utf-8")
-    for name in (BEST, CROSSINGS, MASKS):
+    for name in (BEST, CROSSINGS, MASKS, BALL):
         if name == BEST or (run / name).is_file():
             save_weights(folder / name, halved(read_weights_file(run / name)))
             (folder / name).chmod(0o644)  # safetensors makes it the owner's alone

@@ -17,15 +17,18 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import model_validator
 
+from pliant.models.don.ball_training import PICTURES, fit_ball
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don, training_data
 from pliant.models.export import RECIPE, export_run, portable
-from pliant.models.networks.mask_network import MASKS
+from pliant.models.networks.ball_network import BALL
+from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.training.checkpoint import (
     BEST,
     Weights,
     latest_checkpoint,
+    load_weights,
     read_progress,
     read_weights_file,
     save_weights,
@@ -56,6 +59,8 @@ from pliant.spec.frame import Frame
 from pliant.spec.io.yamlfiles import yaml_text
 
 Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
+
+_MOST_SHOWN: Final = 3  # how often a picture shows where a ball is
 
 RECIPES: Final = Path(__file__).parent / "configs" / "models"
 
@@ -238,9 +243,8 @@ def make_model(
             with watched(name, settings.steps) as progress:
                 train_don(dataset, run, settings, resume=begun, progress=progress)
     last = list(recipe.stages)[-1]
-    if recipe.masks is not None and not (out / "stages" / last / MASKS).is_file():
-        with watched("masks", recipe.masks.steps + sum(recipe.masks.later)) as progress:
-            _train_masks(recipe.masks, out, out / "stages" / last, progress)
+    if recipe.masks is not None:
+        _train_masks(recipe.masks, out, out / "stages" / last, watched)
     text = yaml_text(settings_to_dict(recipe))
     (out / "stages" / last / RECIPE).write_text(text, encoding="utf-8")
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
@@ -276,21 +280,34 @@ def _portable(settings: DonSettings) -> dict[str, Any]:
     return portable(settings_to_dict(settings), further)
 
 
-def _train_masks(stage: MaskStage, out: Path, run: Path, progress: StepProgress | None) -> None:
+def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> None:
+    """Train what finds masks, and the ball of a rope, where the run does not have it yet."""
+
     def frames(names: Sequence[str]) -> list[Sequence[Frame]]:
         return [Dataset.open(out / "sets" / name).frames("train") for name in names]
 
-    seed = read_settings(DonSettings, run / CONFIG).seed
-    network = fit_masks(
-        frames(stage.sets),
-        steps=stage.steps,
-        later=stage.later,
-        later_sets=frames(stage.later_sets),
-        seed=seed,
-        sampling=SAMPLINGS[stage.of],
-        progress=progress,
-    )
-    save_weights(run / MASKS, network.state_dict())
+    seed, sets = read_settings(DonSettings, run / CONFIG).seed, frames(stage.sets)
+    masks = MaskNetwork()
+    if (run / MASKS).is_file():
+        load_weights(masks, run / MASKS)
+    else:
+        with watched("masks", stage.steps + sum(stage.later)) as progress:
+            masks = fit_masks(
+                sets,
+                steps=stage.steps,
+                later=stage.later,
+                later_sets=frames(stage.later_sets),
+                seed=seed,
+                sampling=SAMPLINGS[stage.of],
+                progress=progress,
+            )
+        save_weights(run / MASKS, masks.state_dict())
+    if stage.of == "rope" and not (run / BALL).is_file():
+        pictures = min(PICTURES, _MOST_SHOWN * sum(map(len, sets)))
+        with watched("ball", pictures) as progress:
+            ball = fit_ball(masks, sets, pictures=pictures, seed=seed, progress=progress)
+        if ball is not None:
+            save_weights(run / BALL, ball.state_dict())
 
 
 def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:

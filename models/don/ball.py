@@ -1,111 +1,114 @@
-"""Where the ball at a rope's first end is, in a mask that covers both.
+"""The ball at a rope's first end, in a mask that covers both or lacks it.
 
-A ball is thicker than the rope, but so are crossings and knots. So every thick place and every end
-of the mask is a candidate, and what the network says is weighed in:
-
-    score = 2.2 log(r / h) - 3.5 p(rope) + 1.5 log(p(first tenth) + 0.02),
-
-with r the depth of the place in the mask and h half of the rope's width. The best candidate is a
-ball if r > 1.5 h. The weights are those of a conditional logistic regression on 290 images of ropes
-with a ball, of no test split.
-
-A ball of the table's colour is missing from the mask. The rope's first tenth is then often beyond
-doubt all the same, and the ball is drawn where it must be: beyond that end.
+A ball is thicker than the rope, but so are crossings and knots; and a ball of the table's colour is
+missing from the mask. So every thick place and every end of the mask is a candidate, and a small
+network says of each, from the picture and the mask around it, whether a ball is there. Where the
+mask covers the likeliest one, it is cut out of it; otherwise a disc is drawn beyond that end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import torch
 from scipy import ndimage
 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, farthest_pixels, ridge
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.models.networks.ball_network import BallNetwork, ball_patches
+from pliant.spec.arrays import Float32Array, FloatArray, Mask
 from pliant.spec.ball import thick_places
 
-FIRST_SHARE: Final = 0.1
-"""Share of the rope's length that `first` of `ball_in` speaks of."""
-
 _THICK: Final = 1.15  # a candidate's depth, in half widths of the rope
-_AROUND: Final = 2.0  # where the first tenth of the rope is looked for, in half widths
-_LEAST_FIRST: Final = 0.02
-_SHALLOWEST: Final = 0.3
-_WEIGHT_DEPTH, _WEIGHT_ROPE, _WEIGHT_FIRST = 2.2, -3.5, 1.5
-_LEAST_DEPTH: Final = 1.5  # of a ball, in half widths of the rope
-_SURE: Final = 0.95  # p(first tenth) at an end; of 60 ropes without a ball none reaches it
+_LEAST_DEPTH: Final = 1.5  # of a ball that the mask covers
+_NEAR: Final = 2.0  # from a candidate to such a ball
 _AT_END: Final = 4.0  # how far the end reaches, in half widths
-_LEAST_ROPE: Final = 0.02  # weight of a pixel there that the network does not take for rope
-_RADIUS: Final = 3.0  # of a ball that the mask lacks, in half widths
+_RADIUS: Final = 3.0  # of a ball that the mask lacks
 
 
-def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
+@dataclass(frozen=True)
+class BallCandidates:
+    """Where the ball of a rope may be.
+
+    Attributes:
+        objects: bool (H, W), the mask.
+        depth_px: float64 (H, W), distance to its edge.
+        half_px: Half of the rope's width.
+        place: int (N, 2), (row, column).
+        outward: float64 (N, 2), unit vectors (row, column) out of the rope; where it goes on to
+            both sides, any.
+    """
+
+    objects: Mask
+    depth_px: FloatArray
+    half_px: float
+    place: FloatArray
+    outward: FloatArray
+
+    @classmethod
+    def of(cls, objects: Mask) -> BallCandidates | None:
+        """Return the candidates of a mask, or None where it shows no rope.
+
+        Args:
+            objects: bool (H, W), where the rope or its ball is seen.
+        """
+        depth_px = depth_in_mask(objects, objects.shape[1])
+        middle = ridge(depth_px, 1.0)
+        if not middle.any():
+            return None
+        half_px = float(np.median(depth_px[middle]))
+        place = np.array([*thick_places(depth_px, _THICK * half_px), *_ends(objects)])
+        near = [objects & (_gap_px(each, objects.shape) < _AT_END * half_px) for each in place]
+        out = place - np.array([np.argwhere(own).mean(axis=0) for own in near])
+        length = np.linalg.norm(out, axis=1, keepdims=True)
+        outward = np.where(length > 0.5, out / np.maximum(length, 0.5), [0.0, 1.0])
+        return cls(objects, depth_px, half_px, place, outward)
+
+    def patches(self, picture: Float32Array) -> torch.Tensor:
+        """Return the candidates' surroundings, for a `BallNetwork`.
+
+        Args:
+            picture: float32 (H, W, 3), colours from 0 to 1.
+        """
+        place_px, ways = self.place[:, ::-1] + 0.5, self.outward[:, ::-1]
+        return ball_patches(picture, self.objects, place_px, ways, self.half_px)
+
+    def ball(self, number: int) -> Mask:
+        """Return the ball at a candidate, bool (H, W): a part of the mask, or a disc beyond it."""
+        place, least_px = tuple(self.place[number]), _LEAST_DEPTH * self.half_px
+        cores, _ = ndimage.label(self.depth_px > least_px)
+        gap_px, nearest = ndimage.distance_transform_edt(cores == 0, return_indices=True)
+        if cores.any() and gap_px[place] <= _NEAR * self.half_px:  # the end may be that of the ball
+            own = cores == cores[tuple(nearest[:, *place])]
+            return np.asarray(
+                self.objects & (ndimage.distance_transform_edt(~own) <= least_px + 0.5)
+            )
+        radius_px = _RADIUS * self.half_px
+        return _gap_px(place + self.outward[number] * radius_px, self.objects.shape) <= radius_px
+
+
+def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     """Return the ball of a rope, or nothing where the rope seems to have none.
 
     Args:
+        picture: float32 (H, W, 3), colours from 0 to 1.
         objects: bool (H, W), where the rope or its ball is seen.
-        rope: float (H, W), the probability that a pixel shows the rope.
-        first: float (H, W), the probability that a pixel of the rope is in its first tenth.
+        network: Trained.
 
     Returns:
         bool (H, W), a part of `objects`, or a disc beyond an end of it.
     """
-    depth_px = depth_in_mask(objects, objects.shape[1])
-    middle = ridge(depth_px, 1.0)
-    if not middle.any():
+    candidates = BallCandidates.of(objects)
+    if candidates is None:
         return np.zeros_like(objects)
-    half_px = float(np.median(depth_px[middle]))
-
-    def score(place: tuple[int, int]) -> float:
-        own_px = float(depth_px[place])
-        gap_px = _gap_px(place, objects.shape)
-        near = gap_px <= max(own_px, half_px) + 1
-        around = gap_px <= max(own_px, half_px) + _AROUND * half_px
-        return float(
-            _WEIGHT_DEPTH * np.log(max(own_px / half_px, _SHALLOWEST))
-            + _WEIGHT_ROPE * rope[near].mean()
-            + _WEIGHT_FIRST * np.log(first[around].mean() + _LEAST_FIRST)
-        )
-
-    ends = _ends(objects)
-    best = max([*thick_places(depth_px, _THICK * half_px), *ends], key=score)
-    radius_px = _LEAST_DEPTH * half_px
-    cores, _ = ndimage.label(depth_px > radius_px)
-    if cores[best] == 0:
-        return _beyond_first_end(ends, objects, rope, first, half_px)
-    to_core_px = ndimage.distance_transform_edt(cores != cores[best])
-    return np.asarray(objects & (to_core_px <= radius_px + 0.5))
+    with torch.inference_mode():
+        odds = network(candidates.patches(picture))
+    best = int(odds.argmax())
+    return candidates.ball(best) if odds[best] > 0 else np.zeros_like(objects)
 
 
-def _beyond_first_end(
-    ends: Sequence[tuple[int, int]],
-    objects: Mask,
-    rope: FloatArray,
-    first: FloatArray,
-    half_px: float,
-) -> Mask:
-    """Return a disc beyond the end that is the rope's first one, or nothing where that is unsure.
-
-    Args:
-        ends: The ends of `objects`, (row, column).
-        objects: See `ball_in`.
-        rope: Likewise.
-        first: Likewise.
-        half_px: Half of the rope's width.
-    """
-    near = [objects & (_gap_px(end, objects.shape) < _AT_END * half_px) for end in ends]
-    certainty = [np.average(first[own], weights=rope[own] + _LEAST_ROPE) for own in near]
-    surest = int(np.argmax(certainty))
-    if certainty[surest] < _SURE:
-        return np.zeros_like(objects)
-    radius_px = _RADIUS * half_px
-    outward = ends[surest] - np.argwhere(near[surest]).mean(axis=0)
-    middle = ends[surest] + outward * radius_px / max(float(np.linalg.norm(outward)), 1.0)
-    return np.asarray(_gap_px(middle, objects.shape) <= radius_px)
-
-
-def _gap_px(place: Sequence[float] | FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _gap_px(place: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return the pixels' distance to a place, (row, column)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))

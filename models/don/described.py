@@ -10,11 +10,11 @@ import torch
 
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
-from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired, surely_kept
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import Foreground, cloth_mask, denoised, is_decided, rope_masks
+from pliant.models.don.segmentation import cloth_mask, denoised, is_decided, rope_masks
 from pliant.models.don.table import on_plain_table
+from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
@@ -88,6 +88,7 @@ class ViewDescriber:
 
     Attributes:
         masks: Finds objects in pictures, or None: the descriptor network's foreground does.
+        ball: Finds the ball of a rope in pictures, or None: what is thick and round is one.
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class ViewDescriber:
         self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
         self.plain_table = plain_table
         self.masks: MaskNetwork | None = None
+        self.ball: BallNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
         self._upright: LRUCache[_UprightView] = LRUCache(_KEPT_UPRIGHT)
@@ -168,16 +170,12 @@ class ViewDescriber:
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         else:
             rope, objects = self.masks.found(rgb)
-            likely = rope > 0.5, np.maximum(rope, objects) > 0.5
             mask, given = view.mask, view.objects
             if mask is not None and given is not None:
-                seen = resized(likely[1], mask.shape)
+                seen = resized(np.maximum(rope, objects) > 0.5, mask.shape)
                 if surely_kept(mask, given, seen):
                     return None
-            shown = [resize_mask(each, self.size, keep_thin=True) for each in likely]
-            out = self._out(self.given.image(*self._resized(view), *shown))
-        first = self._first_share(out.descriptors[0].cpu()).numpy()
-        found = rope_masks(rgb, Foreground(rope, objects, first))
+        found = rope_masks(rgb, rope, objects, self.ball)
         if found is not None and view.mask is not None:
             found = repaired(view.mask, view.objects, found)
         return found
@@ -232,19 +230,6 @@ class ViewDescriber:
         if not self.given.colour and view.depth_m is not None:
             depth_m = resize_nearest(view.depth_m, self.size)
         return rgb, depth_m
-
-    def _first_share(self, descriptors: torch.Tensor) -> torch.Tensor:
-        """Return the probability of the rope's first tenth, (D, h, w) -> float (h / 2, w / 2)."""
-        sparse = descriptors[:, ::2, ::2]
-        head = self.network.canonical
-        if head is None:
-            return torch.ones(sparse.shape[1:])
-        in_first = head.anchors[:, 0] < FIRST_SHARE
-        parts = head.log_probabilities_in_parts(
-            sparse.flatten(1).T, self.network.scale.detach().cpu()
-        )
-        p = [part[:, in_first].exp().sum(1) for part in parts]
-        return torch.cat(p).view(*sparse.shape[1:])
 
     def _out(self, image: Float32Array) -> NetworkOutput:
         """Return all that the network puts out for an image without masks."""

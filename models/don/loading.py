@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from torch import nn
 
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
+from pliant.models.networks.ball_network import BALL, BallNetwork
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
@@ -23,6 +26,8 @@ from pliant.models.training.checkpoint import (
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
+
+N = TypeVar("N", bound=nn.Module)
 
 
 def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> DescriptorNetwork:
@@ -88,11 +93,18 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     matcher = DonMatcher(network, settings, calibration, facts)
     if values := read_run_json(run / FAMILIARITY):
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
-    if settings.answer.crossings and (run / CROSSINGS).is_file():
-        matcher.reader.crossings = CrossingNetwork()
-        load_weights(matcher.reader.crossings, run / CROSSINGS)
-    if (run / MASKS).is_file():
-        masks = MaskNetwork()
-        load_weights(masks, run / MASKS)
-        matcher.reader.find_masks_with(masks)
+    reader = matcher.reader
+    if settings.answer.crossings:
+        reader.crossings = _network_in(run / CROSSINGS, CrossingNetwork)
+    if (masks := _network_in(run / MASKS, MaskNetwork)) is not None:
+        reader.find_masks_with(masks, _network_in(run / BALL, BallNetwork))
     return matcher
+
+
+def _network_in(path: Path, kind: type[N]) -> N | None:
+    """Return a small network with the weights of a file, or None where a run has no such file."""
+    if not path.is_file():
+        return None
+    network = kind()
+    load_weights(network, path)
+    return network

@@ -96,7 +96,7 @@ def fit_masks(
                 chosen = [frames[rng.integers(len(frames))] for frames in drawn]
                 samples = torch.stack([_sample(frame, rng, sampling) for frame in chosen])
                 truth = samples[:, 3:]
-                pictures = _coloured(samples[:, :3], truth, sampling.camouflaged, relit=cycle > 0)
+                pictures = coloured(samples[:, :3], truth, sampling.camouflaged, relit=cycle > 0)
                 loss = _loss(network(pictures), truth)
                 optimiser.zero_grad()
                 loss.backward()
@@ -145,7 +145,7 @@ def _sample(frame: Frame, rng: np.random.Generator, sampling: Sampling) -> torch
     return functional.grid_sample(image, grid, padding_mode=beyond, align_corners=False)[0]
 
 
-def _coloured(
+def coloured(
     rgb: torch.Tensor, truth: torch.Tensor, camouflaged: float, *, relit: bool
 ) -> torch.Tensor:
     """Return pictures (N, 3, h, w) in other colours, with some other backgrounds.

@@ -25,6 +25,7 @@ from pliant.models.don.prints import settled_by_print
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.square import other_quarter_turns, upright
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
+from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MaskNetwork
@@ -71,9 +72,9 @@ class RopeReader:
         self._readings = SharedCache(_KEPT_TRACES, folder / "traces")
         self._views.share(folder / "masks")
 
-    def find_masks_with(self, network: MaskNetwork) -> None:
-        """Find objects in pictures with a network of its own from now on."""
-        self._views.masks = network
+    def find_masks_with(self, masks: MaskNetwork, ball: BallNetwork | None) -> None:
+        """Find objects in pictures, and the ball of a rope, with networks of their own."""
+        self._views.masks, self._views.ball = masks, ball
 
     @property
     def finds_masks(self) -> bool:

@@ -10,7 +10,6 @@ network decides alone. `ball.py` tells the ball from the rope.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -21,7 +20,9 @@ from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
 from pliant.models.don.one_rope import of_one_rope, resized
 from pliant.models.don.table import log_ratio_to_table
+from pliant.models.networks.ball_network import BallNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
+from pliant.spec.ball import separate_ball
 from pliant.spec.io.resizing import with_longer_side
 
 _WORKING_SIDE: Final = 320
@@ -38,42 +39,40 @@ _LEAST_PART: Final = 0.05  # of the largest part
 _LEAST_PIXELS: Final = 40
 
 
-@dataclass(frozen=True)
-class Foreground:
-    """What a network says of an image's pixels, each 0 to 1.
-
-    Attributes:
-        rope: float32 (h, w), the probability that a pixel shows the rope.
-        objects: float32 (h, w), the probability that it shows the rope or its ball.
-        first: float32 (h, w), the probability that a pixel of the rope is in its first tenth.
-    """
-
-    rope: Float32Array
-    objects: Float32Array
-    first: Float32Array
-
-
-def rope_masks(rgb: Rgb, seen: Foreground) -> tuple[Mask, Mask | None] | None:
+def rope_masks(
+    rgb: Rgb, rope: Float32Array, objects: Float32Array, ball: BallNetwork | None
+) -> tuple[Mask, Mask | None] | None:
     """Return where the rope is seen, and where the rope or its ball is.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
-        seen: What the network says of the image, at its own size.
+        rope: float32 (h, w), a network's probability that a pixel shows the rope.
+        objects: float32 (h, w), that it shows the rope or its ball.
+        ball: Finds the ball; without it, a ball is what is thick and round.
 
     Returns:
         Two bool (H, W); None instead of the second where no ball is found, which may be there all
         the same; None where nothing stands out from the table.
     """
     shape = rgb.shape[:2]
-    objects = _shown(rgb, np.maximum(seen.rope, seen.objects))
-    if objects is None:
+    seen = shown(rgb, np.maximum(rope, objects))
+    if seen is None:
         return None
-    ball = ball_in(objects, _working(seen.rope, shape), _working(seen.first, shape))
-    rope = resized(objects & ~ball, shape)
-    if max(seen.rope.shape) > _WORKING_SIDE:  # it knows the edges better than the smaller picture
-        rope &= cv2.resize(seen.rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
-    rope, own = of_one_rope(rgb, rope, resized(ball, shape) if ball.any() else None)
-    return rope, None if own is None else rope | own
+    if ball is None:
+        own, _ = separate_ball(seen)
+        disc = seen & ~own
+    else:
+        disc = ball_in(picture_as(seen, rgb), seen, ball)
+    found = resized(seen & ~disc, shape)
+    if max(rope.shape) > _WORKING_SIDE:  # it knows the edges better than the smaller picture
+        found &= cv2.resize(rope, shape[::-1], interpolation=cv2.INTER_LINEAR) > _LEAST_ROPE
+    found, kept = of_one_rope(rgb, found, resized(disc, shape) if disc.any() else None)
+    return found, None if kept is None else found | kept
+
+
+def picture_as(mask: Mask, rgb: Rgb) -> Float32Array:
+    """Return a picture at the size of a mask (h, w), float32 (h, w, 3), 0 to 1."""
+    return np.asarray(_smaller(rgb, mask.shape), dtype=np.float32) / 255
 
 
 def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
@@ -83,10 +82,10 @@ def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
         rgb: uint8 (H, W, 3), sRGB.
         cloth: float32 (h, w), the network's probability that a pixel shows the cloth.
     """
-    shown = _shown(rgb, cloth)
-    if shown is None:
+    seen = shown(rgb, cloth)
+    if seen is None:
         return None
-    return resized(np.asarray(ndimage.binary_fill_holes(shown)), rgb.shape[:2])
+    return resized(np.asarray(ndimage.binary_fill_holes(seen)), rgb.shape[:2])
 
 
 def is_decided(likely: Float32Array) -> bool:
@@ -99,16 +98,26 @@ def is_decided(likely: Float32Array) -> bool:
     return bool(possible.size) and float(np.abs(2 * possible - 1).mean()) > _DECIDED
 
 
-def _shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
-    """Return where objects are seen, at the working size, or None where there are none."""
+def shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
+    """Return where objects are seen, or None where there are none.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB.
+        likely: float32 (h, w), the probability that a pixel shows one.
+
+    Returns:
+        bool, with 320 pixels along its longer side.
+    """
     p = _working(likely, rgb.shape[:2])
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
-    size = p.shape[::-1]
-    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    objects = _large_parts(_cut(small, p, near))
+    objects = _large_parts(_cut(_smaller(rgb, p.shape), p, near))
     return objects if objects.sum() >= _LEAST_PIXELS else None
+
+
+def _smaller(rgb: Rgb, shape: tuple[int, ...]) -> Rgb:
+    return np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:

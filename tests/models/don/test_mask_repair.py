@@ -20,7 +20,7 @@ Masks = tuple[Mask, Mask]
 @pytest.fixture(scope="module")
 def found() -> Masks:
     """The masks that the picture shows of the rope and its ball."""
-    rope, objects = known(rope_masks(scene()[0], vague(ROPE, BALL)))
+    rope, objects = known(rope_masks(scene()[0], *vague(ROPE, BALL), None))
     return rope, known(objects)
 
 
@@ -77,7 +77,7 @@ def test_a_rope_cut_by_holes_is_made_whole(found: Masks) -> None:
 
 
 def test_a_segmenters_masks_are_corrected() -> None:
-    rope, shown = known(rope_masks(scene()[0], vague(ROPE, BALL | SHADOW)))
+    rope, shown = known(rope_masks(scene()[0], *vague(ROPE, BALL | SHADOW), None))
     for number in range(3):
         given, given_objects = damaged(number)
         mask, objects = corrected(given, given_objects, (rope, known(shown)))

@@ -11,12 +11,12 @@ from scipy import ndimage
 
 from pliant.models.don.mask_training import (
     SAMPLINGS,
-    _coloured,
     _faded,
     _light,
     _pattern,
     _sample,
     _with_strands_of,
+    coloured,
     fit_masks,
 )
 from pliant.models.networks.mask_network import CLOTH_SIDE, MASKS, MaskNetwork
@@ -87,7 +87,7 @@ def test_other_colours_leave_objects_where_they_are() -> None:
     picture = torch.where(objects > 0, torch.tensor([0.8, 0.3, 0.2]).view(1, 3, 1, 1), 0.4)
     edges = []
     for relit in [False] * 20 + [True] * 60:
-        drawn = _coloured(picture.clone(), objects.expand(1, 2, 64, 80), 0.0, relit=relit)
+        drawn = coloured(picture.clone(), objects.expand(1, 2, 64, 80), 0.0, relit=relit)
         assert drawn.shape == picture.shape
         assert 0 <= float(drawn.min()) <= float(drawn.max()) <= 1
         across = (drawn[0, :, 30, 1:] - drawn[0, :, 30, :-1]).abs().sum(dim=0)

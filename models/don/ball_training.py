@@ -1,0 +1,130 @@
+"""Learns to tell a rope's ball from ends, knots and crossings, from frames of training splits.
+
+Pictures are shown as they are, and in other colours and light, as to the network for masks. In the
+mask that is found in each, the candidates near the true ball are right and all others are wrong.
+From a part of these masks the ball is taken away, as it is missing where it looks like the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import torch
+from scipy import ndimage
+from torch.nn import functional
+
+from pliant.models.don.ball import BallCandidates
+from pliant.models.don.mask_training import SAMPLINGS, coloured
+from pliant.models.don.one_rope import resized
+from pliant.models.don.patch_training import fit_odds, recoloured
+from pliant.models.don.segmentation import denoised, picture_as, shown
+from pliant.models.networks.ball_network import BallNetwork
+from pliant.models.networks.mask_network import MaskNetwork
+from pliant.models.training.loop import StepProgress
+from pliant.spec.arrays import Mask, Rgb
+from pliant.spec.frame import Frame
+
+PICTURES: Final = 2400
+"""Pictures that candidates are drawn from."""
+
+_AS_IT_IS: Final = 1 / 3
+_LACKING: Final = 0.4  # of the masks, whose ball is taken away
+_NEAR: Final = 2.0  # half widths of the rope, from a candidate to the ball that it is right about
+_EPOCHS: Final = 15
+_TURN_RAD, _SCALE, _SHIFT = 0.3, 0.12, 0.06  # standard deviations of a patch's changes
+
+
+def fit_ball(
+    masks: MaskNetwork,
+    sets: Sequence[Sequence[Frame]],
+    *,
+    pictures: int = PICTURES,
+    seed: int,
+    progress: StepProgress | None = None,
+) -> BallNetwork | None:
+    """Train a network that finds the ball of a rope.
+
+    Args:
+        masks: Finds ropes, trained.
+        sets: Pictures with masks, those of training splits; each comes from a set drawn at random.
+        pictures: How many are drawn; 1,800 take 12 minutes on one core.
+        seed: Seed of all draws.
+        progress: Called after each picture.
+
+    Returns:
+        The network; None where no ball was seen, or nothing but balls.
+    """
+    rng = np.random.default_rng(seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        drawn = list(_candidates(masks, sets, pictures, rng, progress))
+        right = torch.cat([near for _, near in drawn]) if drawn else torch.zeros(0)
+        if not 0 < right.sum() < len(right):
+            return None
+        seen = torch.cat([patches for patches, _ in drawn])
+        network = BallNetwork()
+        fit_odds(network, lambda k: _changed(seen[k]), right, epochs=_EPOCHS)
+        return network
+
+
+def _candidates(
+    masks: MaskNetwork,
+    sets: Sequence[Sequence[Frame]],
+    pictures: int,
+    rng: np.random.Generator,
+    progress: StepProgress | None,
+) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    """Yield the candidates' patches in a picture, and 1 for those near the ball."""
+    for number in range(pictures):
+        frames = sets[rng.integers(len(sets))]
+        frame = frames[rng.integers(len(frames))]
+        assert frame.mask is not None
+        objects = frame.mask if frame.objects is None else frame.objects
+        rgb = frame.rgb if rng.random() < _AS_IT_IS else _relit(frame.rgb, frame.mask, objects)
+        rgb = denoised(rgb)
+        found = shown(rgb, masks.found(rgb).max(axis=0))
+        if progress is not None:
+            progress(number + 1, {})
+        if found is None:
+            continue
+        ball = resized(objects & ~frame.mask, found.shape)
+        if rng.random() < _LACKING:
+            found = _without(ball, found, rng)
+        candidates = BallCandidates.of(found)
+        if candidates is not None:
+            gap_px = ndimage.distance_transform_edt(~ball)[tuple(candidates.place.T)]
+            near = ball.any() & (gap_px <= _NEAR * candidates.half_px)
+            yield candidates.patches(picture_as(found, rgb)), torch.from_numpy(near).float()
+
+
+def _without(ball: Mask, found: Mask, rng: np.random.Generator) -> Mask:
+    """Return a mask without a disc about where the ball is; some of the ball may stay."""
+    if not ball.any():
+        return found
+    radius_px = np.sqrt(ball.sum() / np.pi)
+    middle = np.argwhere(ball).mean(axis=0) + rng.normal(0, 0.3 * radius_px, 2)
+    away_px = np.linalg.norm(np.indices(found.shape).transpose(1, 2, 0) - middle, axis=2)
+    return np.asarray(found & (away_px > rng.uniform(0.9, 1.5) * radius_px))
+
+
+def _relit(rgb: Rgb, mask: Mask, objects: Mask) -> Rgb:
+    """Return a picture in other colours and light."""
+    truth = torch.from_numpy(np.stack([mask, objects]).astype(np.float32))[None]
+    picture = torch.from_numpy(rgb.transpose(2, 0, 1).astype(np.float32) / 255)[None]
+    changed = coloured(picture, truth, SAMPLINGS["rope"].camouflaged, relit=True)[0]
+    return np.asarray((changed.permute(1, 2, 0) * 255).round().numpy(), dtype=np.uint8)
+
+
+def _changed(seen: torch.Tensor) -> torch.Tensor:
+    """Return patches (N, 4, h, w) in other colours, mirrored, turned, enlarged and moved a bit."""
+    count = len(seen)
+    seen = torch.cat([recoloured(seen[:, None, :3])[:, 0], seen[:, 3:]], dim=1)
+    seen = torch.where(torch.rand(count, 1, 1, 1) < 0.5, seen.flip(2), seen)
+    angle, scale = _TURN_RAD * torch.randn(count), torch.exp(_SCALE * torch.randn(count))
+    cosine, sine = scale * angle.cos(), scale * angle.sin()
+    turn = torch.stack([torch.stack([cosine, -sine], 1), torch.stack([sine, cosine], 1)], 1)
+    matrix = torch.cat([turn, _SHIFT * torch.randn(count, 2, 1)], dim=2)
+    grid = functional.affine_grid(matrix, list(seen.shape), align_corners=False)
+    return functional.grid_sample(seen, grid, padding_mode="border", align_corners=False)

@@ -1,0 +1,49 @@
+"""Whether a rope's ball is at a place, seen from a small patch of the image and of the mask."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import torch
+from torch import nn
+
+from pliant.models.networks.patches import judging_layers, normalised, patches
+from pliant.spec.arrays import Float32Array, FloatArray, Mask
+
+BALL: Final = "ball.safetensors"
+"""The weights of a run's `BallNetwork`."""
+
+_REACH: Final = 8.0  # half the side of a patch, in half widths of the rope
+
+
+def ball_patches(
+    picture: Float32Array, objects: Mask, place_px: FloatArray, ways: FloatArray, half_px: float
+) -> torch.Tensor:
+    """Sample the surroundings of places where a ball may be.
+
+    Args:
+        picture: float32 (H, W, 3), colours from 0 to 1.
+        objects: bool (H, W), where the rope or its ball is seen.
+        place_px: float64 (N, 2).
+        ways: float64 (N, 2), unit vectors out of the rope.
+        half_px: Half the rope's width.
+
+    Returns:
+        float32 (N, 4, PATCH, PATCH): colours, and 1 where the mask is set.
+    """
+    planes = np.concatenate([picture, objects[..., None].astype(np.float32)], axis=2)
+    return patches(planes, place_px, ways, np.full(len(place_px), _REACH * half_px))
+
+
+class BallNetwork(nn.Module):
+    """Log odds that a ball is at the middle of patches, or just outside of the rope's end there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = judging_layers(3 + 1)
+
+    def forward(self, seen: torch.Tensor) -> torch.Tensor:
+        """Return log odds, float (N,), of patches by `ball_patches`."""
+        looks: torch.Tensor = self.layers(torch.cat([normalised(seen[:, :3]), seen[:, 3:]], dim=1))
+        return looks[:, 0]
