@@ -61,8 +61,8 @@ def export_run(
 
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
-        run has them `calibration.json`, `crossings.safetensors`, `masks.safetensors`,
-        `ball.safetensors`, `data.yaml` and `recipe.yaml`, and `CARD.md`.
+        run has them `calibration.json`, `familiarity.json`, `crossings.safetensors`,
+        `masks.safetensors`, `ball.safetensors`, `data.yaml` and `recipe.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a

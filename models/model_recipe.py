@@ -60,7 +60,7 @@ from pliant.spec.io.yamlfiles import yaml_text
 
 Watched = Callable[[str, int], AbstractContextManager[StepProgress | None]]
 
-_MOST_SHOWN: Final = 3  # how often a picture shows where a ball is
+_MOST_SHOWN: Final = 3  # draws per picture in the training for balls, on average
 
 RECIPES: Final = Path(__file__).parent / "configs" / "models"
 
@@ -93,7 +93,9 @@ class Stage(Settings):
 
 
 class MaskStage(Settings):
-    """The training of a network that finds masks; see `mask_training.py`.
+    """The training of a network that finds masks, and of one that finds the ball of ropes.
+
+    See `mask_training.py` and `ball_training.py`.
 
     Attributes:
         sets: Names of the sets whose training splits it sees.
@@ -118,7 +120,7 @@ class ModelRecipe(Settings):
         sets: Name -> `pliant generate` config of a dataset; all of its tiers are trained on.
         settings: Settings of the runs of all stages.
         stages: Name -> stage, in order; the last one is the model.
-        masks: How the network that finds masks is trained, for a model with one.
+        masks: How the networks that find masks and balls are trained, for a model with them.
     """
 
     name: str
@@ -131,6 +133,8 @@ class ModelRecipe(Settings):
     def _check(self) -> Self:
         if not self.stages:
             raise Refused("at least one stage", "stages")
+        if self.masks is not None and not self.masks.sets:
+            raise Refused("at least one set", "masks.sets")
         return self
 
 

@@ -21,8 +21,11 @@ from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
+from pliant.models.networks.ball_network import BALL, BallNetwork
+from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle
+from pliant.models.training.checkpoint import save_weights
 from pliant.models.training.run_folder import data_digest, write_settings
 from pliant.publishing import PublishSettings, publish
 from pliant.spec.configuration import read_settings
@@ -301,6 +304,22 @@ def test_unknown_and_damaged_models_are_refused(
         shutil.copyfile(models / "don-tiny" / name, tmp_path / "don-x" / name)
     with pytest.raises(TrainingError, match=r"calibration\.json: the calibration .* is missing"):
         load_shipped("don-x")
+
+
+def test_small_networks_are_exported_and_damaged_ones_refused(
+    trained: Path, dataset: Dataset, tmp_path: Path
+) -> None:
+    run = shutil.copytree(trained, tmp_path / "run")
+    save_weights(run / MASKS, MaskNetwork().state_dict())
+    save_weights(run / BALL, BallNetwork().state_dict())
+    folder = export_run(run, "a-model", tmp_path, dataset)
+    for name in (MASKS, BALL):
+        whole = (folder / name).read_bytes()
+        (folder / name).write_bytes(whole[:200])
+        with pytest.raises(TrainingError, match=rf"a-model/{name}: the weights cannot be read"):
+            load_don(folder)
+        (folder / name).write_bytes(whole)
+    load_don(folder)
 
 
 def test_further_data_and_first_weights_are_named_without_paths(

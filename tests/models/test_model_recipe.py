@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Literal
 
 import pyarrow.parquet as pq
 import pytest
 import torch
 
 from pliant.generator.config import GenerateConfig
-from pliant.models import load_matcher
+from pliant.models import load_matcher, model_recipe
 from pliant.models.don.settings import DonSettings
-from pliant.models.model_recipe import RECIPES, _mean, make_model, read_recipe
+from pliant.models.model_recipe import (
+    RECIPES,
+    MaskStage,
+    _mean,
+    _train_masks,
+    make_model,
+    read_recipe,
+)
+from pliant.models.networks.ball_network import BALL, BallNetwork
+from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
+from pliant.models.training.run_folder import write_settings
 from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, TrainingError
@@ -77,6 +89,41 @@ def test_recipe_makes_a_model_that_answers_and_goes_on(
     again = called("train", "model", name, "--out", tmp_path, *size)
     assert again[0] == 0  # nothing is trained again
     assert (last / "best.safetensors").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(("of", "expected"), [("rope", [MASKS, BALL]), ("cloth", [MASKS])])
+def test_small_networks_are_trained_once(
+    of: Literal["rope", "cloth"],
+    expected: list[str],
+    sheet_dataset: Dataset,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And the network for the ball only where there are ropes."""
+    trained: list[str] = []
+
+    def masks(*_: object, **__: object) -> MaskNetwork:
+        trained.append(MASKS)
+        return MaskNetwork()
+
+    def ball(*_: object, pictures: int, **__: object) -> BallNetwork:
+        assert pictures == 3 * len(sheet_dataset.frames("train"))
+        trained.append(BALL)
+        return BallNetwork()
+
+    monkeypatch.setattr(model_recipe, "fit_masks", masks)
+    monkeypatch.setattr(model_recipe, "fit_ball", ball)
+    (tmp_path / "sets").mkdir()
+    (tmp_path / "sets" / "x").symlink_to(sheet_dataset.root)
+    run = tmp_path / "run"
+    run.mkdir()
+    write_settings(run, DonSettings())
+    for _ in range(2):
+        _train_masks(
+            MaskStage(sets=("x",), steps=1, of=of), tmp_path, run, lambda *_: nullcontext()
+        )
+        assert trained == expected
+        assert sorted(path.name for path in run.glob("*.safetensors")) == sorted(expected)
 
 
 def test_mean_of_weights() -> None:
@@ -146,6 +193,10 @@ def test_a_changed_recipe_is_refused_for_finished_stages(
         ("stages: {a: {sets: []}}", "stages.a.sets.*at least one set"),
         ("stages: {}", "at least one stage"),
         ("stages: [a]", "stages"),
+        (
+            "stages: {a: {sets: [x]}}\nmasks: {of: rope, sets: [], steps: 1}",
+            "masks.sets.*at least one set",
+        ),
         ("sets: {z: {}}\nstages: {a: {sets: [z]}}", "sets.z.tiers: a set has"),
     ],
 )
