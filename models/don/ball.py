@@ -17,13 +17,14 @@ from scipy import ndimage
 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, farthest_pixels, ridge
 from pliant.models.networks.ball_network import BallNetwork, ball_patches
-from pliant.spec.arrays import Float32Array, FloatArray, Mask
+from pliant.spec.arrays import Float32Array, FloatArray, IntArray, Mask, RealArray
 from pliant.spec.ball import thick_places
 
-_THICK: Final = 1.15  # a candidate's depth, in half widths of the rope
+# All in half widths of the rope.
+_THICK: Final = 1.15  # a candidate's depth, unless it is an end
 _LEAST_DEPTH: Final = 1.5  # of a ball that the mask covers
 _NEAR: Final = 2.0  # from a candidate to such a ball
-_AT_END: Final = 4.0  # how far the end reaches, in half widths
+_AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
 _RADIUS: Final = 3.0  # of a ball that the mask lacks
 
 
@@ -35,15 +36,15 @@ class BallCandidates:
         objects: bool (H, W), the mask.
         depth_px: float64 (H, W), distance to its edge.
         half_px: Half of the rope's width.
-        place: int (N, 2), (row, column).
-        outward: float64 (N, 2), unit vectors (row, column) out of the rope; where it goes on to
-            both sides, any.
+        place: int64 (N, 2), (row, column).
+        outward: float64 (N, 2), unit vectors (row, column) out of the rope; arbitrary where the
+            rope continues on both sides.
     """
 
     objects: Mask
     depth_px: FloatArray
     half_px: float
-    place: FloatArray
+    place: IntArray
     outward: FloatArray
 
     @classmethod
@@ -108,7 +109,7 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     return candidates.ball(best) if odds[best] > 0 else np.zeros_like(objects)
 
 
-def _gap_px(place: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _gap_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatArray:
     """Return the pixels' distance to a place, (row, column)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))

@@ -29,9 +29,9 @@ from pliant.spec.frame import Frame
 PICTURES: Final = 2400
 """Pictures that candidates are drawn from."""
 
-_AS_IT_IS: Final = 1 / 3
-_LACKING: Final = 0.4  # of the masks, whose ball is taken away
-_NEAR: Final = 2.0  # half widths of the rope, from a candidate to the ball that it is right about
+_AS_IT_IS: Final = 1 / 3  # share of the pictures in their own colours and light
+_LACKING: Final = 0.4  # share of the masks whose ball is taken away
+_NEAR: Final = 2.0  # largest distance of a right candidate to the ball, half widths of the rope
 _EPOCHS: Final = 15
 _TURN_RAD, _SCALE, _SHIFT = 0.3, 0.12, 0.06  # standard deviations of a patch's changes
 

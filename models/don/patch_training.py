@@ -16,7 +16,7 @@ _RATE: Final = 4e-3
 def fit_odds(
     network: nn.Module, sample: Callable[[torch.Tensor], Any], label: torch.Tensor, *, epochs: int
 ) -> None:
-    """Train a network whose output are log odds, by binary cross-entropy; draws from torch's seed.
+    """Train a network whose output is log odds, by binary cross-entropy; draws with torch's seed.
 
     Args:
         network: Afterwards in evaluation mode.

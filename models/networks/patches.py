@@ -1,4 +1,4 @@
-"""Small squares of an image around places, turned along a way, and networks that judge them."""
+"""Small squares of an image around places, turned to a direction, and networks that judge them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FLATTEST: Final = 4.0 / 255
 
 
 def steps(reach: float) -> FloatArray:
-    """Return where a patch's pixels are from its middle along one side, float64 (PATCH,).
+    """Return the offsets of a patch's pixels from its middle along one side, float64 (PATCH,).
 
     Args:
         reach: Half its side, in any unit.

@@ -88,7 +88,7 @@ def test_a_patch_has_the_rope_on_its_left_at_the_same_width() -> None:
         np.testing.assert_allclose(across, 2.2, atol=0.35)
 
 
-class Told(MaskNetwork):
+class TrueMasks(MaskNetwork):
     """Finds the rope of the frame that was drawn last, and every other ball."""
 
     last: Frame
@@ -104,15 +104,15 @@ class Told(MaskNetwork):
 
 
 class Drawn(list[Frame]):
-    """Frames that tell which one of them is drawn."""
+    """Frames that pass the one that is drawn on to the masks."""
 
-    def __init__(self, told: Told, frames: Iterable[Frame]) -> None:
+    def __init__(self, masks: TrueMasks, frames: Iterable[Frame]) -> None:
         super().__init__(frames)
-        self.told = told
+        self.masks = masks
 
     def __getitem__(self, number: Any) -> Any:
-        self.told.last = super().__getitem__(number)
-        return self.told.last
+        self.masks.last = super().__getitem__(number)
+        return self.masks.last
 
 
 def painted(rng: np.random.Generator) -> Frame:
@@ -136,9 +136,9 @@ def painted(rng: np.random.Generator) -> Frame:
 def test_training_learns_what_a_ball_looks_like(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pliant.models.don.ball_training._relit", lambda rgb, *_: rgb)  # quicker
     rng = np.random.default_rng(0)
-    told = Told()
-    frames = Drawn(told, (painted(rng) for _ in range(80)))
-    network = known(fit_ball(told, [frames], pictures=400, seed=1))
+    masks = TrueMasks()
+    frames = Drawn(masks, (painted(rng) for _ in range(80)))
+    network = known(fit_ball(masks, [frames], pictures=400, seed=1))
     right = 0
     for frame in (painted(rng) for _ in range(30)):
         rope, objects = known(frame.mask), known(frame.objects)
@@ -151,7 +151,7 @@ def test_training_learns_what_a_ball_looks_like(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_without_a_ball_nothing_is_learnt() -> None:
-    told = Told()
+    masks = TrueMasks()
     shown = [painted(np.random.default_rng(k)) for k in range(6)]
-    bare = Drawn(told, (each.replace(mask=each.objects) for each in shown))
-    assert fit_ball(told, [bare], pictures=4, seed=0) is None
+    bare = Drawn(masks, (each.replace(mask=each.objects) for each in shown))
+    assert fit_ball(masks, [bare], pictures=4, seed=0) is None
