@@ -290,14 +290,11 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> No
     def frames(names: Sequence[str]) -> list[Sequence[Frame]]:
         return [Dataset.open(out / "sets" / name).frames("train") for name in names]
 
-    seed, sets = read_settings(DonSettings, run / CONFIG).seed, frames(stage.sets)
-    masks = MaskNetwork()
-    if (run / MASKS).is_file():
-        load_weights(masks, run / MASKS)
-    else:
+    seed = read_settings(DonSettings, run / CONFIG).seed
+    if not (run / MASKS).is_file():
         with watched("masks", stage.steps + sum(stage.later)) as progress:
-            masks = fit_masks(
-                sets,
+            network = fit_masks(
+                frames(stage.sets),
                 steps=stage.steps,
                 later=stage.later,
                 later_sets=frames(stage.later_sets),
@@ -305,8 +302,10 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> No
                 sampling=SAMPLINGS[stage.of],
                 progress=progress,
             )
-        save_weights(run / MASKS, masks.state_dict())
+        save_weights(run / MASKS, network.state_dict())
     if stage.of == "rope" and not (run / BALL).is_file():
+        masks, sets = MaskNetwork(), frames(stage.sets)
+        load_weights(masks, run / MASKS)
         pictures = min(PICTURES, _MOST_SHOWN * sum(map(len, sets)))
         with watched("ball", pictures) as progress:
             ball = fit_ball(masks, sets, pictures=pictures, seed=seed, progress=progress)
