@@ -60,7 +60,7 @@ class BallCandidates:
             return None
         half_px = float(np.median(depth_px[middle]))
         place = np.array([*thick_places(depth_px, _THICK * half_px), *_ends(objects)])
-        near = [objects & (_gap_px(each, objects.shape) < _AT_END * half_px) for each in place]
+        near = [objects & (distances_px(each, objects.shape) < _AT_END * half_px) for each in place]
         out = place - np.array([np.argwhere(own).mean(axis=0) for own in near])
         length = np.linalg.norm(out, axis=1, keepdims=True)
         outward = np.where(length > 0.5, out / np.maximum(length, 0.5), [0.0, 1.0])
@@ -86,7 +86,8 @@ class BallCandidates:
                 self.objects & (ndimage.distance_transform_edt(~own) <= least_px + 0.5)
             )
         radius_px = _RADIUS * self.half_px
-        return _gap_px(place + self.outward[number] * radius_px, self.objects.shape) <= radius_px
+        middle = place + self.outward[number] * radius_px
+        return distances_px(middle, self.objects.shape) <= radius_px
 
 
 def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
@@ -109,8 +110,8 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     return candidates.ball(best) if odds[best] > 0 else np.zeros_like(objects)
 
 
-def _gap_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatArray:
-    """Return the pixels' distance to a place, (row, column)."""
+def distances_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the distance of every pixel to a place (row, column), float64 of a shape (H, W)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))
 

@@ -15,7 +15,7 @@ import torch
 from scipy import ndimage
 from torch.nn import functional
 
-from pliant.models.don.ball import BallCandidates
+from pliant.models.don.ball import BallCandidates, distances_px
 from pliant.models.don.mask_training import SAMPLINGS, coloured
 from pliant.models.don.one_rope import resized
 from pliant.models.don.patch_training import fit_odds, recoloured
@@ -105,8 +105,8 @@ def _without(ball: Mask, found: Mask, rng: np.random.Generator) -> Mask:
         return found
     radius_px = np.sqrt(ball.sum() / np.pi)
     middle = np.argwhere(ball).mean(axis=0) + rng.normal(0, 0.3 * radius_px, 2)
-    away_px = np.linalg.norm(np.indices(found.shape).transpose(1, 2, 0) - middle, axis=2)
-    return np.asarray(found & (away_px > rng.uniform(0.9, 1.5) * radius_px))
+    kept = distances_px(middle, found.shape) > rng.uniform(0.9, 1.5) * radius_px
+    return np.asarray(found & kept)
 
 
 def _relit(rgb: Rgb, mask: Mask, objects: Mask) -> Rgb:

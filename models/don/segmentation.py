@@ -59,8 +59,7 @@ def rope_masks(
     if seen is None:
         return None
     if ball is None:
-        own, _ = separate_ball(seen)
-        disc = seen & ~own
+        disc = seen & ~separate_ball(seen)[0]
     else:
         disc = ball_in(picture_as(seen, rgb), seen, ball)
     found = resized(seen & ~disc, shape)
