@@ -227,12 +227,13 @@ def login(
 
 @router.post("/logout")
 def logout(
-    request: Request, site: TheSite, who: Member, csrf: Annotated[str, Form()]
+    request: Request, site: TheSite, who: Visitor, csrf: Annotated[str, Form()]
 ) -> RedirectResponse:
-    """Sign a browser out."""
-    check_form(request, who, csrf)
-    with site.database.write(take_turns=False) as session:
-        end_session(session, request.cookies.get(COOKIE, ""))
+    """Sign a browser out, which another tab or the time may have done before."""
+    if who is not None:
+        check_form(request, who, csrf)
+        with site.database.write(take_turns=False) as session:
+            end_session(session, request.cookies.get(COOKIE, ""))
     response = RedirectResponse("/", 303)
     response.delete_cookie(COOKIE)
     return response

@@ -194,6 +194,8 @@ def test_forms_need_their_own_page(plain: Trial, plain_client: TestClient) -> No
     ada = SignedIn(client, plain.tokens[0])
     assert [ada.get(path).status_code for path in ("/admin", "/admin/audit")] == [404, 404]
     assert ada.post("/admin/credit", team=2, phase="test", amount=5).status_code == 404
+    signed_out = [ada.post("/logout") for _ in range(2)]  # in two tabs
+    assert [each.headers["location"] for each in signed_out] == ["/", "/"]
 
 
 def test_a_proxy_that_passes_its_own_host_name_on(plain: Trial) -> None:
