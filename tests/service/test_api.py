@@ -289,7 +289,9 @@ def test_between_two_rounds_the_results_of_the_first_are_shown(make_trial: MakeT
     for some, phase in ((rounds, "r1"), (rounds[1:], "r2")):
         with client_of(make_trial(f"phases: [{', '.join(some)}]")) as client:
             assert client.get(f"{API}/leaderboard").json()["phase"] == phase
-            assert "submit a file" not in client.get("/").text
+            page = client.get("/").text
+            assert "submit a file" not in page
+            assert ("closed since 2026-01-01 00:00 UTC;" in page) == (phase == "r1")
 
 
 def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: TestClient) -> None:
