@@ -398,6 +398,7 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     assert host.post("/admin/withdraw", submission=1).status_code == 303
     board = client.get(f"{API}/leaderboard").json()
     assert [row["team"] for row in board["rows"]] == ["Grace"]
+    assert '<span class="state withdrawn">' in host.get("/submissions/1").text
     assert client.get(f"{API}/submissions/1").status_code == 404
     assert host.post("/admin/credit", team=2, phase="test", amount=3).status_code == 303
     page = host.post(
