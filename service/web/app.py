@@ -106,8 +106,9 @@ def _add_errors(app: FastAPI, site: Site) -> None:
         headers |= site.headers if status == 500 else {}
         if request.url.path.startswith("/api/"):
             return JSONResponse({"code": code, "message": message}, status, headers)
+        who = getattr(request.state, "who", None)
         page = site.render(
-            "error.html.j2", code=code, message=message, status=status, who=None, plain=False
+            "error.html.j2", code=code, message=message, status=status, who=who, plain=False
         )
         return HTMLResponse(page, status, headers)
 

@@ -58,14 +58,18 @@ def maybe_who(
     request: Request,
     bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)] = None,
 ) -> Identity | None:
-    """Return who makes a request, by token or by cookie; None for a visitor."""
+    """Return who makes a request, by token or by cookie; None for a visitor.
+
+    It is kept as `request.state.who` for a page that says what is wrong.
+    """
+    cookie, who = request.cookies.get(COOKIE), None
     if bearer is not None:
-        return token_identity(request, bearer.credentials)
-    cookie = request.cookies.get(COOKIE)
-    if not cookie:
-        return None
-    with site_of(request).database.read() as session:
-        return identify_session(session, cookie)
+        who = token_identity(request, bearer.credentials)
+    elif cookie:
+        with site_of(request).database.read() as session:
+            who = identify_session(session, cookie)
+    request.state.who = who
+    return who
 
 
 Visitor = Annotated[Identity | None, Depends(maybe_who)]

@@ -215,6 +215,7 @@ def test_an_error_page_does_not_ask_a_team_to_sign_in_again(
     page = SignedIn(plain_client, plain.tokens[0]).get("/submissions/99")
     assert page.status_code == 404
     assert "Sign in" not in page.text
+    assert "Sign out" in page.text
 
 
 def test_upload_by_form(make_trial: MakeTrial) -> None:
