@@ -162,7 +162,7 @@ async def submit(request: Request, site: TheSite, who: Member) -> RedirectRespon
         file = form.get("file")
         if not isinstance(file, UploadFile) or not file.filename:
             raise NotAcceptedError("FILE_EMPTY", 400, "no file was chosen")
-        view, _ = await receive_file(
+        view, new = await receive_file(
             site,
             who,
             phase_of(site, str(form.get("phase", ""))),
@@ -171,7 +171,7 @@ async def submit(request: Request, site: TheSite, who: Member) -> RedirectRespon
             name=file.filename,
             check_only=form.get("check_only") == "yes",
         )
-    return RedirectResponse(f"/submissions/{view.id}", 303)
+    return RedirectResponse(f"/submissions/{view.id}{'' if new else '?again=1'}", 303)
 
 
 async def _chunks(file: UploadFile) -> AsyncIterator[bytes]:
@@ -189,14 +189,14 @@ def submissions(site: TheSite, who: Visitor, before: MaybeNumber = None) -> HTML
 
 
 @router.get("/submissions/{number}")
-def submission(site: TheSite, who: Visitor, number: Number) -> HTMLResponse:
-    """Show a submission."""
+def submission(site: TheSite, who: Visitor, number: Number, again: bool = False) -> HTMLResponse:
+    """Show a submission; `again` after its file was sent another time."""
     with site.database.read() as session:
         found = find_submission(session, number, who)
         view = submission_view(session, found, who)
         ways = {each.id: each for each in versions_of(session, found.phase)}
-        own = is_own(found, who)
-        return page(site, "submission.html.j2", who, view=view, versions=ways, own=own)
+        again = again and is_own(found, who)
+        return page(site, "submission.html.j2", who, view=view, versions=ways, again=again)
 
 
 @router.get("/login")

@@ -70,7 +70,7 @@ async def receive_file(
                 digest.update(chunk)
                 stream.write(chunk)
         if count == 0:
-            raise NotAcceptedError("FILE_EMPTY", 400, "the request contains no file")
+            raise NotAcceptedError("FILE_EMPTY", 400, "the file is empty")
         upload = Upload(digest.hexdigest(), _plain_name(name), count, check_only)
         return await to_thread.run_sync(_accept, site, who, phase, partial, upload, refusal)
     finally:

@@ -227,7 +227,11 @@ def test_upload_by_form(make_trial: MakeTrial) -> None:
         assert ada.post("/submit", file=b"x" * 500_000, phase="test").status_code == 413
         assert ada.post("/submit", phase="test").status_code == 400
         assert submit(client, trial.tokens[0], b"x" * 250_000).status_code == 413
-        assert submit(client, trial.tokens[0], b"").status_code == 400
+        assert submit(client, trial.tokens[0], b"").json()["message"] == "the file is empty"
+        long = {"file": ("n" * 300 + "-7.parquet", b"long")}
+        form = {"csrf": ada.csrf, "phase": "test"}
+        client.post("/submit", data=form, files=long, headers=ada.headers)
+        assert f">{'n' * 59}…{'n' * 50}-7.parquet<" in ada.get("/submissions").text
         assert not list(trial.challenge.incoming.glob("*.parquet"))
 
 
@@ -251,7 +255,8 @@ def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial
         assert (again.status_code, again.json()["id"]) == (200, first.json()["id"])
         ada = SignedIn(client, trial.tokens[0])
         form = ada.post("/submit", file=b"last", phase="first")
-        assert (form.status_code, form.headers["location"]) == (303, "/submissions/1")
+        assert (form.status_code, form.headers["location"]) == (303, "/submissions/1?again=1")
+        assert "sent this file before" in ada.get("/submissions/1?again=1").text
         stored = [path for path in (trial.challenge.root / "submissions").rglob("*.parquet")]
         assert len(stored) == 1
 
