@@ -77,7 +77,7 @@ class Client:
         Raises:
             CallError: The service does not accept it, or cannot be reached.
         """
-        query = {"file_name": file.name[:120], "check_only": str(check_only).lower()}
+        query = {"file_name": file.name, "check_only": str(check_only).lower()}
         query |= {} if phase is None else {"phase": phase}
         size = file.stat().st_size
         with open(file, "rb") as stream:

@@ -27,6 +27,7 @@ from pliant.service.web.views import SubmissionView, submission_view
 from pliant.spec.text import unsafe_character
 
 _ABANDONED_S: Final = 24 * 3600
+_LONGEST_NAME: Final = 120
 
 
 async def receive_file(
@@ -124,5 +125,8 @@ def _accept(
 
 def _plain_name(name: str) -> str:
     """Return a file's name without folders and without characters that cannot be shown."""
-    last = name.replace("\\", "/").rpartition("/")[2][:120]
-    return "".join(c for c in last if unsafe_character(c) is None).strip() or "submission.parquet"
+    last = name.replace("\\", "/").rpartition("/")[2]
+    plain = "".join(c for c in last if unsafe_character(c) is None).strip()
+    if len(plain) > _LONGEST_NAME:  # the end is what tells files apart
+        plain = f"{plain[: _LONGEST_NAME // 2 - 1]}…{plain[-_LONGEST_NAME // 2 :]}"
+    return plain or "submission.parquet"
