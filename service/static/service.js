@@ -18,6 +18,14 @@
     setTimeout(ask, 1000);
   }
 
+  // A form is sent once: the answer to a second click would hide the token that the first one shows.
+  addEventListener("submit", event => {
+    if (event.defaultPrevented || event.target.method !== "post") return;
+    if (event.target.dataset.sent) event.preventDefault();
+    event.target.dataset.sent = "yes";
+  });
+  addEventListener("pageshow", () => { for (const form of document.forms) delete form.dataset.sent; });
+
   // The submit page: files can be dropped, and the transfer has a progress bar.
   const form = document.getElementById("upload");
   if (form) {

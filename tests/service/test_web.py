@@ -91,6 +91,12 @@ def test_a_host_and_a_team(
         token = str(browser.run("return document.getElementById('token').textContent"))
         assert token.startswith("pliant_")
         assert token not in page.go("/admin")
+        twice = browser.run(
+            "const form = document.querySelector('form[action=\"/admin/token\"]');"
+            "const send = () => new Event('submit', { bubbles: true, cancelable: true });"
+            "return [form.dispatchEvent(send()), form.dispatchEvent(send())];"
+        )
+        assert twice == [True, False]  # the second click of a double one
 
         page.sign_in(token)
         page.go("/submit")
