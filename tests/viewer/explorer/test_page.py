@@ -277,6 +277,11 @@ def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
     page.browser.run("localStorage.clear()")
     page.open(f"#tab={tab}", width=400, dark=dark)
     assert page.browser.run("return document.documentElement.scrollWidth") <= 400
+    borders = "getComputedStyle(document.getElementById('answers')).borderCollapse"
+    assert page.browser.run(f"return {borders}") == "separate"  # of cells that stay when it scrolls
+    if tab == "scene":  # of configurations, which no tracks join
+        tracks = "document.querySelector('#scene-parts [name=tracks]')"
+        page.browser.wait(f"{tracks}.disabled && !{tracks}.checked")
     back, ink = page.browser.run(
         "const s = getComputedStyle(document.body); return [s.backgroundColor, s.color]"
     )
