@@ -27,7 +27,11 @@ export function start(catalogue, found) {
   world.add(sun);
   group = new THREE.Group();
   world.add(group);
-  for (const [name, text] of PARTS) $("scene-parts").append(checkbox(text, visible[name], on => { visible[name] = on; rebuild(); }));
+  for (const [name, text] of PARTS) {
+    const label = checkbox(text, visible[name], on => { visible[name] = on; rebuild(); });
+    label.firstChild.name = name;
+    $("scene-parts").append(label);
+  }
   $("scene-parts").append(checkbox("Colour by visibility", false, on => { byState = on; rebuild(); }));
   for (const [text, look] of [["Close", () => aim(drawn)], ["All", lookAround], ["From the camera", lookThrough]]) {
     const button = document.createElement("button");
@@ -65,6 +69,9 @@ export async function wake() {
       about = unpack(got); sequence = name; poses = new Map();
       $("scene-frame").max = about.frames - 1;
       $("scene-frame").disabled = $("play").disabled = about.frames < 2;
+      const tracked = $("scene-parts").querySelector("[name=tracks]");
+      tracked.disabled = !about.temporal;
+      tracked.checked = visible.tracks && about.temporal;
       await pose(Math.min(own, about.frames - 1));
       aim(Math.min(own, about.frames - 1));
       if (about.temporal) readAll();
