@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -35,7 +36,8 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
     """
     frames, queries = FrameCache(dataset), RecordedQueries(dataset)
     methods: list[Method] = []
-    for name in answers or _default_methods(dataset):
+    given = answers or _default_methods(dataset)
+    for name in given:
         path = Path(name)
         if (path / SCORES_JSON).is_file():
             methods.append(read_report(path, dataset, queries))
@@ -50,6 +52,10 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
                     "SUB.parquet; then give SUB.parquet.",
                 )
             methods.append(LiveMethod(matcher))
+    several = Counter(method.name for method in methods)
+    for method, name in zip(methods, given, strict=True):
+        if several[method.name] > 1 and method.name != name:
+            method.name += f" ({name})"
     return Explorer(frames, queries, methods)
 
 

@@ -60,7 +60,9 @@ def test_a_report_finds_its_submission(
     (tmp_path / "reports").mkdir()
     report = [str((tmp_path / "report").rename(tmp_path / "reports" / "moved"))]
     monkeypatch.chdir(tmp_path)  # `pliant evaluate answers.parquet --out reports/moved`
-    assert len(open_explorer(dataset, report, open_method).methods) == 1
+    both = open_explorer(dataset, ["answers.parquet", *report, "identity"], open_method).methods
+    names = ["moved 2 px (answers.parquet)", f"moved 2 px ({report[0]})", "identity"]
+    assert [each.name for each in both] == names
     (tmp_path / "answers.parquet").write_bytes(submit(tiny_dataset, 1.0).read_bytes())
     with pytest.raises(CallError, match="the submission of the report is not there"):
         open_explorer(dataset, report, open_method)  # another file of the same name
