@@ -29,6 +29,7 @@ from pliant.viewer.explorer.layers import (
     method_layer,
     png,
 )
+from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
 from pliant.viewer.explorer.submissions import Method
@@ -185,17 +186,16 @@ def _queries(explorer: Explorer, request: Request) -> Response:
 
 
 def _error(explorer: Explorer, request: Request) -> Response:
-    """Measure a method on the queries of one pair."""
+    """Measure a live method on the queries of one pair."""
     pair, method = explorer.pair(request), explorer.method(request)
+    if not isinstance(method, LiveMethod):
+        raise CallError("a recorded method has its errors already", where="method")
     known = explorer.queries.rows(pair)
     if known is None:
         raise CallError("the dataset has no queries for this pair", where="a, b")
     queries, rows = known
-    found = method.answers(pair.at(queries.uv_a_px[rows]))
-    if found is None:
-        return JSONResponse(None)
     answers = np.full(queries.uv_a_px.shape, np.nan)
-    answers[rows] = found
+    answers[rows] = method.answers(pair.at(queries.uv_a_px[rows]))
     values = (value for value in queries.rmse_px(answers) if value is not None)
     return JSONResponse(number(next(values, None)))
 

@@ -77,10 +77,10 @@ def method_layer(
         layer: One of `METHOD_LAYERS`.
         of_target: Whether the target is shown; `error` is of the source alone.
     """
-    if layer == "error":
-        return None if of_target else _error_map(truth, method, pair)
     if not isinstance(method, LiveMethod):
         return None
+    if layer == "error":
+        return None if of_target else _error_map(truth, method, pair)
     if layer == "descriptors":
         return _descriptor_colours(method, (pair.source, pair.target), int(of_target))
     return _canonical_colours(method, pair.target if of_target else pair.source)
@@ -114,7 +114,7 @@ def _enlarged(rgb: Rgb, view: Frame) -> Rgb:
     return np.asarray(Image.fromarray(rgb).resize(view.size, Image.Resampling.NEAREST))
 
 
-def _error_map(truth: TruthFinder, method: Method, pair: RecordedPair) -> Rgb | None:
+def _error_map(truth: TruthFinder, method: LiveMethod, pair: RecordedPair) -> Rgb | None:
     """Return the source in grey, with the error of points that the target shows as colours.
 
     Points that the target hides are light grey.
@@ -128,8 +128,6 @@ def _error_map(truth: TruthFinder, method: Method, pair: RecordedPair) -> Rgb | 
     if not keep.any():
         return None
     answers = method.answers(pair.at(uv[keep]))
-    if answers is None:
-        return None
     error = np.full(len(uv), np.nan)
     error[keep] = np.linalg.norm(answers - true_px[keep], axis=1)
     out = dimmed(view.rgb)

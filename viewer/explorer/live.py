@@ -87,7 +87,7 @@ class LiveMethod:
             seconds=seconds,
         )
 
-    def answers(self, pair: RecordedPair) -> FloatArray | None:
+    def answers(self, pair: RecordedPair) -> FloatArray:
         """Return the answers to the pixels of a pair, float64 (N, 2)."""
         with self.lock:
             found = self.matcher.answer(pair)
@@ -118,12 +118,13 @@ class LiveMethod:
 
     @property
     def shows(self) -> dict[str, bool]:
-        """Whether there are heat maps, descriptors, and material coordinates of single pixels."""
+        """Whether there are heat maps, descriptors, material coordinates and errors of any pixel."""
         network = getattr(self.matcher, "network", None)
         return {
             "heat": isinstance(self.matcher, HeatMatcher),
             "descriptors": isinstance(self.matcher, DescriptorMatcher),
             "canonical": getattr(network, "canonical", None) is not None,
+            "error": True,
         }
 
     def _mask(self, view: Frame, height: int, width: int) -> Mask:

@@ -10,7 +10,6 @@ from pliant.evaluator.scores import read_scores
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.loading import load
 from pliant.evaluator.submission.problems import Problems
-from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.reading import sha256_file
@@ -62,14 +61,6 @@ class RecordedMethod:
             sigma_px=None if sigma is None else float(sigma[row]),
         )
         return MethodAnswer(point, None if queries.uv_b_px is None else queries.uv_b_px[row])
-
-    def answers(self, pair: RecordedPair) -> FloatArray | None:
-        """Return the answers to the pair's own queries, float64 (N, 2), NaN where missing."""
-        known = self._queries.rows(pair)
-        if known is None or known[0].split != self._split:
-            return None
-        found: FloatArray = self._answers.uv_px[known[1]].astype(np.float64)
-        return found if len(found) == len(pair) else None
 
 
 def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:

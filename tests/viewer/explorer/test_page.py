@@ -261,6 +261,11 @@ def test_every_layer_can_be_seen(page: Page) -> None:
             "[...document.querySelectorAll('img.layer')].every(e => e.naturalWidth === 160)"
         )
     assert page.browser.run("return !document.getElementById('legend').hidden")
+    page.browser.keys("m")  # a recorded method has no answer to every pixel
+    page.browser.wait("document.querySelector('#picture-a .layer').src.includes('layer=rgb')")
+    assert page.browser.run("return document.getElementById('legend').hidden")
+    title = page.browser.run("return document.querySelector('[data-layer=error]').title")
+    assert title == "moved 5 px does not have this layer: it is recorded at the queries only"
 
 
 @pytest.mark.parametrize(

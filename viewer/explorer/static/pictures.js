@@ -77,8 +77,15 @@ async function load() {
   document.dispatchEvent(new Event("missing"));
 }
 
-/** The layer of a picture: the chosen one, or the colours where the pair does not have it. */
-const shown = side => missing[state.layer] || (state.layer === "error" && side === "b") ? "rgb" : state.layer;
+/** Why the pair or the method does not have a layer, or "". */
+function lacks(name) {
+  const method = data.methods[state.method];
+  if (missing[name] || !METHOD_LAYERS.includes(name) || method?.[name]) return missing[name] ?? "";
+  return method ? `${method.name} does not have this layer` + (method.kind === "recorded" ? ": it is recorded at the queries only" : "") : "no method is shown";
+}
+
+/** The layer of a picture: the chosen one, or the colours where there is none. */
+const shown = side => lacks(state.layer) || (state.layer === "error" && side === "b") ? "rgb" : state.layer;
 
 function layer() { for (const side of sides) put(side, shown(side)); }
 
@@ -101,9 +108,9 @@ function put(side, name) {
 function controls() {
   const method = data.methods[state.method];
   for (const button of $("layers").children) {
-    const name = button.dataset.layer, needs = name === "error" ? method : !METHOD_LAYERS.includes(name) || method?.[name];
+    const name = button.dataset.layer;
     button.setAttribute("aria-pressed", String(name === shown("a")));
-    button.title = missing[name] ?? (needs ? "" : method ? `${method.name} does not have this layer` : "no method is shown");
+    button.title = lacks(name);
     button.disabled = Boolean(button.title);
   }
   $("heat-on").checked = state.heat;
