@@ -56,6 +56,6 @@ def _method(method: Method, queries: RecordedQueries) -> dict[str, Any]:
     return {
         "name": method.name,
         "kind": method.kind,
-        **(method.shows if isinstance(method, LiveMethod) else {}),
+        **(method.shows if isinstance(method, LiveMethod) else {"answered": method.answered}),
         "errors": [None if each is None else round(each, 3) for each in errors],
     }

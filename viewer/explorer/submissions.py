@@ -32,6 +32,7 @@ class RecordedMethod:
 
     Attributes:
         errors: The RMSE of each pair, pixels.
+        answered: Share of the queries that have an answer.
     """
 
     kind: Kind = "recorded"
@@ -42,6 +43,7 @@ class RecordedMethod:
         self.name, self._split = name, split
         found = queries.splits[split].rmse_px(answers.uv_px.astype(np.float64))
         self.errors: PairErrors = {split: found}
+        self.answered = float(np.isfinite(answers.uv_px).all(axis=1).mean())
         self._answers, self._queries = answers, queries
 
     def answer(self, pair: RecordedPair) -> MethodAnswer | None:

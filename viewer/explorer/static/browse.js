@@ -57,7 +57,8 @@ function errorsShown() {
   const sorted = state.sort.split(":")[1];
   const wanted = [sorted === undefined ? null : Number(sorted), state.method, ...data.methods.keys()];
   const k = wanted.find(each => each !== null && data.methods[each]?.errors.some(error => error !== null));
-  $("errors-of").textContent = k === undefined ? "" : `RMSE of ${data.methods[k].name}`;
+  const { name, answered } = data.methods[k] ?? {};
+  $("errors-of").textContent = k === undefined ? "" : `RMSE of ${name}` + (answered < 1 ? `, ${Math.floor(100 * answered)} % answered` : "");
   return data.methods[k]?.errors ?? null;
 }
 
