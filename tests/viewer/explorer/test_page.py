@@ -211,6 +211,25 @@ def test_a_link_shows_the_same_again(page: Page) -> None:
     )
 
 
+def test_an_address_of_another_dataset_shows_what_there_is(
+    page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed = catalogue(page.explorer.dataset, page.explorer.queries, page.explorer.methods)
+    assert listed["methods"][1]["answered"] == 1
+    listed["methods"][1]["answered"] = 0.507
+    monkeypatch.setattr("pliant.viewer.explorer.app.catalogue", lambda *_: listed)
+    ropes = link_of(page.explorer)
+    page.open(f"{ropes}&u=9999&v=3&layer=gone&tab=gone&tier=gone&sort=worst:9&method=7")
+    page.answered()
+    assert re.fullmatch(f"{re.escape(ropes)}&u=[0-9.]+&v=[0-9.]+", page.link())
+    assert page.browser.run("return document.querySelector('#compare').checkVisibility()")
+    written = page.browser.run("return document.getElementById('errors-of').textContent")
+    assert written == "RMSE of moved 5 px, 50 % answered"
+    other = next(each for each in page.explorer.dataset.sequences if each.tier != "rope")
+    page.open(f"{ropes.partition('&')[0]}&b={other.id}/0")  # of another tier
+    page.answered()
+
+
 def test_pairs_are_filtered_and_sorted(page: Page) -> None:
     page.open()
     total = page.browser.run("return document.querySelectorAll('#pairs button').length")

@@ -63,12 +63,12 @@ function errorsShown() {
 }
 
 function list() {
-  for (const name of ["tier", "split"]) $(name).value = state[name];
   const fits = each => (!state.tier || each[1] === state.tier) && (!state.split || each[2] === state.split);
   options($("sequence"), [["", "all"], ...data.sequences.filter(fits).map(each => [each[0], each[0]])]);
-  $("sequence").value = state.sequence;
-  if ($("sequence").value !== state.sequence) { set({ sequence: "" }); return; }
-  $("sort").value = state.sort;
+  for (const name of ["tier", "split", "sequence", "sort"]) {
+    $(name).value = state[name];
+    if ($(name).value !== state[name]) { set({ [name]: "" }); return; } // not of this tier, or of this dataset
+  }
   shown = data.pairs.map((_, k) => k).filter(k => {
     const [split, , a, , b] = data.pairs[k];
     const [source, target] = [data.sequences[a], data.sequences[b]];

@@ -50,14 +50,16 @@ async function fill() {
 /** What the address names, without what the dataset does not have. */
 function given() {
   const next = read(first());
-  const known = frame => {
+  const tier = frame => {
     const [name, index] = browse.split(frame);
-    return data.sequences.some(each => each[0] === name && index >= 0 && index < each[4]);
+    return data.sequences.find(each => each[0] === name && Number.isInteger(index) && index >= 0 && index < each[4])?.[1];
   };
-  if (!known(next.a) || !known(next.b)) Object.assign(next, first(), { u: null, v: null });
-  if (!data.methods[next.method]) {
-    next.method = 0;
-  }
+  if (!tier(next.a) || tier(next.a) !== tier(next.b)) Object.assign(next, first(), { u: null, v: null });
+  const inside = (x, size) => x !== null && x >= 0 && x < size;
+  if (!inside(next.u, data.size[0]) || !inside(next.v, data.size[1])) next.u = next.v = null;
+  if (!data.methods[next.method]) next.method = 0;
+  if (!pictures.isLayer(next.layer)) next.layer = "rgb";
+  if (next.tab !== "scene") next.tab = "compare";
   return next;
 }
 

@@ -11,6 +11,7 @@ const LAYERS = [
   ["rgb", "Colour"], ["depth", "Depth"], ["index", "Index colours"], ["mask", "Mask"],
   ["descriptors", "Descriptors"], ["canonical", "Canonical"], ["error", "Error map"],
 ];
+export const isLayer = name => LAYERS.some(each => each[0] === name);
 const $ = id => document.getElementById(id);
 const sides = ["a", "b"];
 export let missing = {}; // a layer or "scene" that the pair does not have -> why
