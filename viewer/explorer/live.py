@@ -118,7 +118,7 @@ class LiveMethod:
 
     @property
     def shows(self) -> dict[str, bool]:
-        """Whether there are heat maps, descriptors, material coordinates and errors of any pixel."""
+        """Whether there are heat maps, descriptors, material coordinates and errors of pixels."""
         network = getattr(self.matcher, "network", None)
         return {
             "heat": isinstance(self.matcher, HeatMatcher),
