@@ -222,6 +222,8 @@ def test_a_leaderboard_sorts_methods_and_keeps_controls_apart(
     assert browser.run(names) == ["near", "far"]
     browser.run("document.querySelectorAll('#board button.sort')[0].click()")
     assert browser.run(names) == ["far", "near"]
+    after = "getComputedStyle(document.querySelector('#board button.sort'), '::after').content"
+    assert browser.run(f"return {after}") == '" ▲"'  # arrows say which way is better
     text = browser.run("return document.querySelector('#controls').innerText")
     assert "Controls, not ranked" in text
     assert "centroid" in text
