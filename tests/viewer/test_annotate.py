@@ -290,10 +290,12 @@ def test_marking_by_keyboard_undo_elsewhere_and_a_server_that_has_ended(
     browser: Browser, folder: Path
 ) -> None:
     said = "$('said').textContent"
+    leave = "return dispatchEvent(new Event('beforeunload', { cancelable: true }))"
     with shown(browser, Annotation(folder, ["constructor", "end"])) as address:
         assert browser.run("return chosen") == "constructor"  # a name that every object has
         browser.keys(Keys.SHIFT, Keys.ARROW_RIGHT)
         browser.wait(f"{said} === '1 mark saved'")
+        assert browser.run(leave)
         name, point, x, y, *_ = marks_of(folder)[0].split(",")
         assert (name, point) == ("one.jpg", "constructor")
         assert float(x) == pytest.approx(200 + 4 / browser.run("return zoom"), abs=0.01)
@@ -313,6 +315,7 @@ def test_marking_by_keyboard_undo_elsewhere_and_a_server_that_has_ended(
     browser.keys("h")
     browser.wait(f"{said}.startsWith('Not saved: the command has ended. Run it again')")
     assert len(marks_of(folder)) == 1
+    assert not browser.run(leave)  # the browser asks before the change is lost
     browser.errors()  # the refused connection
 
 

@@ -36,12 +36,12 @@ async function send(path, body) {
   return found;
 }
 
-let saving = Promise.resolve();
+let saving = Promise.resolve(), changes = 0, stored = 0;
 function save() {
-  const body = copy({points: state.points, marks: state.marks});
+  const body = copy({points: state.points, marks: state.marks}), turn = ++changes;
   saving = saving.then(async () => {
     try { const {saved, suggested, revision} = await send("marks", {...body, revision: state.revision});
-      state.revision = revision;
+      state.revision = revision; stored = turn;
       say(`${saved} ${saved === 1 ? "mark" : "marks"} saved` + (suggested ? `, ${suggested} of them suggested: confirm them (Enter) or move them` : "")); }
     catch (error) { say(`Not saved: ${error.message}`, true); }
   });
@@ -222,6 +222,7 @@ $("add").onsubmit = event => {
   $("new").value = "";
 };
 $("other").onchange = () => { other = Number($("other").value); render(); };
+window.onbeforeunload = event => { if (stored < changes) event.preventDefault(); };  // the browser asks
 window.onresize = () => whole === `${[zoom, left, top_]}` ? fit() : draw();  // a phone that is turned
 (async () => {
   state = copy(await (await fetch("state")).json());
