@@ -359,6 +359,10 @@ def test_the_page_fits_its_window(browser: Browser, folder: Path, width: int, da
         assert browser.run("return document.documentElement.scrollWidth") <= width
         assert browser.run("return view.getBoundingClientRect().height") >= 240
         assert browser.run("return $('said').getBoundingClientRect().bottom <= innerHeight")
+        places = """const at = $('next').getBoundingClientRect(); return [at.left, at.top];"""
+        before = browser.run(places)
+        browser.run("$('name').textContent = '2 of 3: ' + 'long name '.repeat(30)")
+        assert browser.run(places) == before  # under the finger that has just touched it
         paper = browser.run("return getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, paper.strip("rgb()").split(","))) < 300) == dark
     assert browser.errors() == []

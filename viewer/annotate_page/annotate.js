@@ -102,7 +102,7 @@ function draw() {
 
 function render() {
   const {name} = picture(), marks = own(), focused = document.activeElement.dataset.point;
-  $("name").textContent = `${at + 1} of ${state.pictures.length}: ${name}`;
+  $("name").textContent = $("name").title = `${at + 1} of ${state.pictures.length}: ${name}`;
   $("points").replaceChildren(...state.points.map(point => {
     const row = document.createElement("li"), button = document.createElement("button"), mark = marks[point];
     button.type = "button"; button.dataset.point = point; button.setAttribute("aria-pressed", String(point === chosen));
@@ -131,7 +131,7 @@ function step(by) { const k = state.points.indexOf(chosen) + by; if (k >= 0 && k
 function place(u, v) {
   const {width, height} = picture();
   if (u < 0 || v < 0 || u >= width || v >= height) return say("That is outside the picture", true);
-  if (chosen === null) return say("Add a point first: give it a name at the right", true);
+  if (chosen === null) return say("Add a point first: give it a name below 'Points'", true);
   change(() => { own()[chosen] = [u, v, own()[chosen]?.[0] != null ? own()[chosen][2] : true, "marked"]; });
   const rest = state.points.slice(state.points.indexOf(chosen) + 1).find(point => !own()[point]);
   if (rest) { chosen = rest; render(); }
