@@ -303,6 +303,11 @@ def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
     assert page.browser.run("return document.documentElement.scrollWidth") <= 400
     borders = "getComputedStyle(document.getElementById('answers')).borderCollapse"
     assert page.browser.run(f"return {borders}") == "separate"  # of cells that stay when it scrolls
+    heights = (
+        "return [...document.querySelectorAll('#answers tr')]"
+        ".map(row => row.getBoundingClientRect().height % 1)"
+    )
+    assert not any(page.browser.run(heights))
     if tab == "scene":  # of configurations, which no tracks join
         tracks = "document.querySelector('#scene-parts [name=tracks]')"
         page.browser.wait(f"{tracks}.disabled && !{tracks}.checked")
