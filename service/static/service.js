@@ -6,6 +6,7 @@
     const ask = async () => {
       const answer = await fetch(live.dataset.state).catch(() => null);
       setTimeout(ask, 1000);
+      if (!answer) document.getElementById("position").textContent = "the service does not answer; this page asks again";
       if (!answer?.ok) return;
       const { state, queue_position: position } = await answer.json();
       if (!["queued", "running"].includes(state)) { location.reload(); return; }

@@ -138,6 +138,12 @@ def test_a_host_and_a_team(
         browser.wait("document.body.innerText.includes('1 submission waits')")
         trial.wait_until_idle(30)
         assert page.go("/submissions/1").count("truth 1") == 2
+        browser.run(  # as if it were not scored yet, and the service gone
+            "window.fetch = () => Promise.reject(); live.dataset.state = 'x';"
+            "document.head.append(Object.assign(document.createElement('script'),"
+            " { src: '/static/service.js' }));"
+        )
+        browser.wait("position.textContent === 'the service does not answer; this page asks again'")
         assert "rescored" in page.go("/admin/audit")
         look_at_every_page(page, width, dark)
         assert browser.errors() == []
