@@ -293,11 +293,16 @@ def test_between_two_rounds_the_results_of_the_first_are_shown(make_trial: MakeT
         "{name: r3, split: test, opens: 2199-02-01T00:00:00Z}",
     )
     for some, phase in ((rounds, "r1"), (rounds[1:], "r2")):
-        with client_of(make_trial(f"phases: [{', '.join(some)}]")) as client:
+        trial = make_trial(f"phases: [{', '.join(some)}]")
+        with client_of(trial) as client:
             assert client.get(f"{API}/leaderboard").json()["phase"] == phase
             page = client.get("/").text
             assert "submit a file" not in page
             assert ("closed since 2026-01-01 00:00 UTC;" in page) == (phase == "r1")
+            for token, closed in ((trial.tokens[0], True), (trial.host, False)):
+                form = SignedIn(client, token).get("/submit").text
+                assert ('<button class="main" disabled>' in form) == closed
+                assert "upcoming, opens 2199-01-01 00:00 UTC<" in form
 
 
 def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: TestClient) -> None:
