@@ -82,8 +82,10 @@ def repaired(
         _contour_distance(shown, seen, _FARTHEST_PX * px) >= _LIMIT_PX * px
     )
     known = _near(seen, _KEPT_PX * px)
-    foreign = (shown & ~known).sum() > _FOREIGN_SHARE * shown.sum() and (
-        not MaskShape.of(*found).several_ropes
+    foreign = (
+        (shown & ~known).sum() > _FOREIGN_SHARE * shown.sum()
+        and (mask & known).sum() > mask.sum() / 2  # or else it is the picture that is not read
+        and not MaskShape.of(*found).several_ropes
     )
     if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
         return kept

@@ -39,6 +39,10 @@ def damaged(number: int = 0) -> tuple[Mask, Mask]:
 def test_exact_masks_are_kept_also_where_the_picture_misleads(found: Masks) -> None:
     assert repaired(ROPE, ROPE | BALL, found) is None
     assert repaired(ROPE, None, (found[0], None)) is None
+    piece = found[0].copy()  # of one rope, but a fourth of the given one
+    piece[:, : piece.shape[1] * 3 // 4] = False
+    assert not MaskShape.of(piece, None).several_ropes
+    assert repaired(ROPE, ROPE | BALL, (piece, None)) is None
 
 
 def test_only_masks_that_would_be_kept_are_kept_unseen(found: Masks) -> None:
