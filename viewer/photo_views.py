@@ -30,6 +30,7 @@ A white background after JPEG has 0.91, a dark table under even light 0.06; on a
 would be taken for the object.
 """
 
+_BLOCK_PX: Final = 8  # side of a block of JPEG, in which an edge changes the background's colour
 _LEAST_OBJECT: Final = 0.0005  # of the picture; less is noise
 _LEAST_PART: Final = 0.02  # of the largest part
 _INVERTED: Final = 0.9  # share of the border that few objects cover, and most backgrounds
@@ -135,12 +136,16 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     background = gap[~differs]
     if min(np.mean(part == 0) for part in (_edge(gap), background) if part.size) < _FLAT:
         return None
-    # What is enclosed by the object and not of the background's exact colour is a dark or bright
-    # place of the object itself.
+    if not differs.any():
+        return None
+    # What is enclosed by the object is a dark or bright place of the object itself, unless
+    # half as much of it has the background's exact colour as of the background around the object.
     holes, count = ndimage.label(~differs)
+    outside = ~differs & np.isin(holes, _edge(holes))
+    around = outside & ndimage.binary_dilation(differs, np.ones((3, 3)), iterations=_BLOCK_PX)
     flat = np.ones(count + 1)  # label 0 is the object itself
     flat[1:] = ndimage.mean(gap == 0, holes, range(1, count + 1))
-    differs |= (flat < _FLAT)[holes]
+    differs |= (flat < np.mean(gap[around] == 0) / 2)[holes]
     parts, _ = ndimage.label(differs, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0

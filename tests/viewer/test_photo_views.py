@@ -12,7 +12,7 @@ from PIL import Image
 from pliant.baselines.views import read_frame
 from pliant.spec.errors import PliantError
 from pliant.spec.io.photo import read_mask, read_photo
-from pliant.viewer.photo_views import PhotoFiles, read_photo_view
+from pliant.viewer.photo_views import PhotoFiles, object_on_one_colour, read_photo_view
 
 
 def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
@@ -151,6 +151,26 @@ def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_
     np.testing.assert_array_equal(known.objects, known.mask)  # the rope is the only object
     missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
     assert missed.mask is None  # what is asked about is no part of it
+
+
+@pytest.mark.parametrize("quality", [95, 60])
+def test_the_background_in_a_loop_is_no_object(quality: int, tmp_path: Path) -> None:
+    """JPEG changes its colour near the rope; a dark place of the rope has another colour."""
+    rows, columns = np.mgrid[:120, :240]
+    away = np.hypot(rows - 60, columns - 120)
+    rope = abs(away - 30) <= 6
+    rgb = np.full((120, 240, 3), 255, np.uint8)
+    rgb[rope] = (60, 90, 200)
+    path = tmp_path / "loop.jpg"
+    Image.fromarray(rgb).save(path, quality=quality)
+    found = object_on_one_colour(np.asarray(Image.open(path)))
+    assert found is not None
+    assert (found & (away < 20)).sum() < 0.01 * found.sum()
+    rgb[away < 3 * 6] = (60, 90, 200)
+    rgb[away < 2 * 6] = (245, 245, 245)  # a bright place in the middle of a disc
+    whole = object_on_one_colour(rgb)
+    assert whole is not None
+    assert whole[away < 2 * 6].all()
 
 
 def test_other_backgrounds_give_no_mask(tmp_path: Path) -> None:
