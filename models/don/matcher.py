@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from pliant.baselines.matcher import Heat
+from pliant.baselines.outline import cut_object_remarks
 from pliant.baselines.tracing import Reframed, ball_remarks, cut_remarks, mask_remarks
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison, compare
@@ -133,7 +134,7 @@ class DonMatcher:
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
         if self.settings.decode != "trace":
-            return []
+            return cut_object_remarks(self.object_mask(source), self.object_mask(target))
         traced = [self._traced(self.reader.seen(view)) for view in (source, target)]
         shapes = [None if each.view.mask is None else each.shape for each in traced]
         known = mask_remarks(*shapes) or ball_remarks(*(each.view for each in traced))

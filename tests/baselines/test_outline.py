@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from pliant.baselines import Frame
-from pliant.baselines.outline import ClothOutline, angle_from_upright, outline_sides
+from pliant.baselines.outline import (
+    ClothOutline,
+    angle_from_upright,
+    cut_object_remarks,
+    outline_sides,
+)
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 from tests.known import known
@@ -94,6 +99,18 @@ def test_masks_without_four_corners_are_answered_by_the_middle() -> None:
         (remark,) = ClothOutline().remarks(full, unread)
         assert remark.startswith("The target has no mask with four corners, so cloth-tps answers")
     assert ClothOutline().remarks(full, full) == []
+
+
+def test_an_object_that_leaves_its_picture_is_reported() -> None:
+    whole = view_of(turned(0))
+    mask = known(whole.mask)
+    left = mask.any(axis=0).argmax() + 5
+    cut = Frame(whole.rgb[:, left:], mask=mask[:, left:])
+    (remark,) = ClothOutline().remarks(whole, cut)
+    assert remark.startswith("The object leaves the picture of the target: ")
+    corner = np.zeros_like(mask)
+    corner[:2, :2] = True  # touches the border
+    assert cut_object_remarks(mask | corner, None) == []
 
 
 @pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])

@@ -194,6 +194,12 @@ def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
     again = known(views.foreground(Frame(rgb, key="s/2")).mask)
     assert (again == foreground).all()
     assert overlap(again, left) < 0.9
+    whole, cut = (
+        Frame(rgb, mask=left, key="s/3"),
+        Frame(rgb[:, 180:], mask=left[:, 180:], key="s/4"),
+    )
+    (remark,) = matcher.remarks(whole, cut)
+    assert remark.startswith("The object leaves the picture of the target: ")
 
 
 def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
