@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 from pliant.spec.frame import Frame
@@ -38,4 +39,8 @@ def read_frame(
     whole, size = photo_size(picture), (rgb.shape[1], rgb.shape[0])
     on = None if mask is None else resize_nearest(read_mask(mask, whole), size)
     depth_m = None if depth is None else resize_nearest(read_depth(depth, whole), size)
-    return Frame(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))
+    frame = Frame(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))
+    contents = hashlib.sha256()  # a camera may write the next picture to the same file
+    for array in (rgb, on, depth_m):
+        contents.update(b"none" if array is None else array.tobytes())
+    return frame.cached_as(f"{picture} {contents.hexdigest()}")

@@ -94,6 +94,23 @@ def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
     assert (read_mask(tmp_path / "shaded.jpg", (90, 60)) >= strand).all()
 
 
+def test_what_a_method_caches_is_of_the_contents_of_the_files(tmp_path: Path) -> None:
+    """Of a camera's last picture, which is always the same file, or of one with another mask."""
+    paths = [tmp_path / name for name in ("picture.png", "mask.png", "depth.png")]
+
+    def key(path: Path | None = None, values: Any = 9) -> str:
+        for each, value in zip(paths, (9, 255, 500), strict=True):
+            kept = np.full(
+                (6, 9), values if each == path else value, np.uint16 if value > 255 else np.uint8
+            )
+            Image.fromarray(kept).save(each)
+        return read_frame(paths[0], paths[1], paths[2]).cache_key
+
+    assert key() == key()
+    assert len({key(), key(paths[0], 8), key(paths[2], 501)}) == 3
+    assert read_frame(paths[0]).cache_key != read_frame(paths[0], paths[1]).cache_key
+
+
 def test_an_inverted_mask_is_reported(tmp_path: Path) -> None:
     Image.new("RGB", (40, 30), "red").save(tmp_path / "picture.png")
     mask = np.zeros((30, 40), np.uint8)
