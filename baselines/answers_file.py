@@ -23,6 +23,7 @@ from pliant.baselines.submission_file import (
     query_keys,
     submission_footer,
 )
+from pliant.spec.answers import MAX_POSITION_PX, MAX_SIGMA_PX
 from pliant.spec.arrays import BoolArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
@@ -47,7 +48,8 @@ _BOOLEANS: Final = {
 _REQUIRED: Final = {
     **dict.fromkeys(_KEYS, "a whole number"),
     "visible": "a probability, 0 to 1, or True or False",
-    "sigma": "a number greater than 0, px",
+    "score": "a finite number",
+    "sigma": "a number greater than 0 and at most 1e6, px",
 }
 _SHOWN: Final = 40
 """Characters of a wrong value that a message shows."""
@@ -224,7 +226,9 @@ def _number(path: Path, column: pa.ChunkedArray, name: str, first: int) -> npt.N
         elif name == "visible":
             right &= (values >= 0) & (values <= 1)
         elif name == "sigma":
-            right &= values > 0
+            right &= (values > 0) & (values <= MAX_SIGMA_PX)
+        elif name in _POSITIONS:
+            right &= np.abs(values) <= MAX_POSITION_PX
     if not right.all():
         row = int(np.argmin(right))
         raise SubmissionError(
@@ -232,7 +236,7 @@ def _number(path: Path, column: pa.ChunkedArray, name: str, first: int) -> npt.N
             path=path,
             where=f"{_row(path, row, first)}, column {name}",
             found=_short(repr(column[row].as_py())),
-            required=_REQUIRED.get(name, "a finite number, such as 320.5"),
+            required=_REQUIRED.get(name, "a finite number within ±1e6, such as 320.5"),
         )
     return values.astype(np.int64) if name in _KEYS else values
 

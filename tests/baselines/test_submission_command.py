@@ -152,6 +152,7 @@ def test_rows_without_ids_are_in_the_order_of_the_queries(
         ("u,v,visible\n1,2,yes\n", 1, "line 2, column visible: .*'yes'; .*True or False"),
         ("u,v,sigma\n1,2,0\n", 1, "line 2, column sigma: .*'0'; required: .* greater than 0"),
         ("u,v\n1,True\n", 1, "line 2, column v: .*'True'; required: a finite number"),
+        ("u,v\n1,1e30\n", 1, "line 2, column v: .*found '1e30'; required: .* within ±1e6"),
         ('u,v\n1,"2,5"\n', 1, "line 2, column v: .*found '2,5'; required: .* such as 320.5"),
         (f"u,v\n1,{'7' * 200_000}x\n", 1, r"line 2, column v: .*… \(200003 characters\)"),
         ("u,v\n1,2,3\n", 2, "cannot be read; found .*Expected 2 columns, got 3"),
