@@ -124,7 +124,11 @@ def differences(
     check_comparable(reports)
     protocol = read_protocol(str(reports[0].document["protocol"]))
     known = protocol.ratios
-    wanted = [m for m in protocol.headline if m in known] if metrics is None else list(metrics)
+    wanted = (
+        [m for m in protocol.headline if m in known]
+        if metrics is None
+        else [*dict.fromkeys(metrics)]
+    )
     for name in wanted:
         if name not in known:
             raise CallError(

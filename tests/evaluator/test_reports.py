@@ -201,8 +201,11 @@ def test_compare_prints_verdicts_or_json(reports: Path, capsys: pytest.CaptureFi
     assert "RMSE (px), overall, lower is better\n  far against near: +" in out
     assert "Ranks by RMSE: 1. near, 2. far" in out
     assert "would separate them" not in out  # they are
-    assert run(["compare", *folders, "--metric", "rmse_px", "--json"]) == 0
+    assert run(["compare", *folders, *["--metric", "rmse_px"] * 2, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
+    assert len({(d["group"], d["metric"]) for d in document["differences"]}) == len(
+        document["differences"]
+    )
     assert document["methods"] == ["near", "far"]
     assert {d["metric"] for d in document["differences"]} == {"rmse_px"}
     assert run(["compare", folders[0]]) == 2
