@@ -2,8 +2,9 @@
 
 A ball is thicker than the rope, but so are crossings and knots; and a ball of the table's colour is
 missing from the mask. So every thick place and every end of the mask is a candidate, and a small
-network says of each, from the picture and the mask around it, whether a ball is there. Where the
-mask covers the likeliest one, it is cut out of it; otherwise a disc is drawn beyond that end.
+network says of each, from the picture and the mask around it, whether a ball is there, and where
+and how large it is. Where the mask covers the likeliest one, it is cut out of it; otherwise a disc
+is drawn where the network sees it.
 """
 
 from __future__ import annotations
@@ -23,9 +24,8 @@ from pliant.spec.ball import thick_places
 # All in half widths of the rope.
 _THICK: Final = 1.15  # a candidate's depth, unless it is an end
 _LEAST_DEPTH: Final = 1.5  # of a ball that the mask covers
-_NEAR: Final = 2.0  # from a candidate to such a ball
+_NEAR: Final = 1.0  # from such a ball to where the network sees its middle
 _AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
-_RADIUS: Final = 3.0  # of a ball that the mask lacks
 
 
 @dataclass(frozen=True)
@@ -75,19 +75,44 @@ class BallCandidates:
         place_px, ways = self.place[:, ::-1] + 0.5, self.outward[:, ::-1]
         return ball_patches(picture, self.objects, place_px, ways, self.half_px)
 
-    def ball(self, number: int) -> Mask:
-        """Return the ball at a candidate, bool (H, W): a part of the mask, or a disc beyond it."""
-        place, least_px = tuple(self.place[number]), _LEAST_DEPTH * self.half_px
+    def seen_from(self, ball: Mask) -> FloatArray:
+        """Return a ball as a `BallNetwork` puts it, seen from every candidate.
+
+        Args:
+            ball: bool (H, W), not empty.
+
+        Returns:
+            float64 (N, 3): how far its middle is ahead and aside, and its radius, half widths.
+        """
+        apart = np.argwhere(ball).mean(axis=0) - self.place
+        ahead = (apart * self.outward).sum(axis=1)
+        aside = apart[:, 0] * self.outward[:, 1] - apart[:, 1] * self.outward[:, 0]
+        radius_px = np.full(len(apart), np.sqrt(ball.sum() / np.pi))
+        return np.asarray(np.stack([ahead, aside, radius_px], axis=1) / self.half_px)
+
+    def ball(self, number: int, ahead: float, aside: float, radius: float) -> Mask:
+        """Return the ball that is seen from a candidate: a part of the mask, or a disc.
+
+        Args:
+            number: The candidate.
+            ahead: How far the ball's middle is out of the rope, half widths.
+            aside: How far it is to the right of that, half widths.
+            radius: Of the ball, half widths.
+
+        Returns:
+            bool (H, W).
+        """
+        way = self.outward[number]
+        right = np.array([way[1], -way[0]])
+        middle = self.place[number] + self.half_px * (ahead * way + aside * right)
+        apart_px = distances_px(middle, self.objects.shape)
+        least_px = _LEAST_DEPTH * self.half_px
         cores, _ = ndimage.label(self.depth_px > least_px)
-        gap_px, nearest = ndimage.distance_transform_edt(cores == 0, return_indices=True)
-        if cores.any() and gap_px[place] <= _NEAR * self.half_px:  # the end may be that of the ball
-            own = cores == cores[tuple(nearest[:, *place])]
-            return np.asarray(
-                self.objects & (ndimage.distance_transform_edt(~own) <= least_px + 0.5)
-            )
-        radius_px = _RADIUS * self.half_px
-        middle = place + self.outward[number] * radius_px
-        return distances_px(middle, self.objects.shape) <= radius_px
+        to_core_px = np.where(cores > 0, apart_px, np.inf)
+        if to_core_px.min() > _NEAR * self.half_px:
+            return np.asarray(apart_px <= radius * self.half_px)
+        core = cores == cores.flat[to_core_px.argmin()]
+        return np.asarray(self.objects & (ndimage.distance_transform_edt(~core) <= least_px + 0.5))
 
 
 def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
@@ -99,15 +124,17 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
         network: Trained.
 
     Returns:
-        bool (H, W), a part of `objects`, or a disc beyond an end of it.
+        bool (H, W), a part of `objects`, or a disc.
     """
     candidates = BallCandidates.of(objects)
     if candidates is None:
         return np.zeros_like(objects)
     with torch.inference_mode():
-        odds = network(candidates.patches(picture))
+        odds, balls = network(candidates.patches(picture))
     best = int(odds.argmax())
-    return candidates.ball(best) if odds[best] > 0 else np.zeros_like(objects)
+    if odds[best] <= 0:
+        return np.zeros_like(objects)
+    return candidates.ball(best, *balls[best].tolist())
 
 
 def distances_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatArray:

@@ -19,7 +19,7 @@ from pliant.baselines.tracing import self_crossings
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossings import LEAST_APART
-from pliant.models.don.patch_training import fit_odds, recoloured
+from pliant.models.don.patch_training import fit_patches, recoloured
 from pliant.models.networks.crossing_network import (
     CrossingNetwork,
     CrossingPatches,
@@ -57,7 +57,12 @@ def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = CrossingNetwork()
-        fit_odds(network, lambda k: _augmented(patches.rows(k)), first_is_upper, epochs=_EPOCHS)
+
+        def loss(rows: torch.Tensor) -> torch.Tensor:
+            odds = network(_augmented(patches.rows(rows)))
+            return functional.binary_cross_entropy_with_logits(odds, first_is_upper[rows])
+
+        fit_patches(network, loss, len(first_is_upper), epochs=_EPOCHS)
         return network
 
 

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 _BATCH: Final = 64
 _RATE: Final = 4e-3
 
 
-def fit_odds(
-    network: nn.Module, sample: Callable[[torch.Tensor], Any], label: torch.Tensor, *, epochs: int
+def fit_patches(
+    network: nn.Module, loss: Callable[[torch.Tensor], torch.Tensor], count: int, *, epochs: int
 ) -> None:
-    """Train a network whose output is log odds, by binary cross-entropy; draws with torch's seed.
+    """Train a network on patches; draws with torch's seed.
 
     Args:
         network: Afterwards in evaluation mode.
-        sample: Rows, int64 (n,) -> the network's input for them, changed at random.
-        label: float (N,), 0 or 1.
+        loss: Rows, int64 (n,) -> the network's loss on them, changed at random.
+        count: Number of rows.
         epochs: Passes over all rows.
     """
-    batches = max(1, len(label) // _BATCH)
+    batches = max(1, count // _BATCH)
     optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=epochs * batches)
     for _ in range(epochs):
-        for chosen in torch.randperm(len(label)).tensor_split(batches):
-            odds = network(sample(chosen))
-            loss = functional.binary_cross_entropy_with_logits(odds, label[chosen])
+        for chosen in torch.randperm(count).tensor_split(batches):
             optimiser.zero_grad()
-            loss.backward()
+            loss(chosen).backward()
             optimiser.step()
             schedule.step()
     network.eval()

@@ -1,4 +1,4 @@
-"""Whether a rope's ball is at a place, seen from a small patch of the image and of the mask."""
+"""Whether a rope's ball is near a place, and where, from a patch of the image and of the mask."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from pliant.spec.arrays import Float32Array, FloatArray, Mask
 BALL: Final = "ball.safetensors"
 """The weights of a run's `BallNetwork`."""
 
-_REACH: Final = 8.0  # half the side of a patch, in half widths of the rope
+REACH: Final = 8.0
+"""Half the side of a patch, in half widths of the rope."""
+
+_USUAL_RADIUS: Final = 3.0  # of a ball, in half widths of the rope
 
 
 def ball_patches(
@@ -33,7 +36,7 @@ def ball_patches(
         float32 (N, 4, PATCH, PATCH): colours, and 1 where the mask is set.
     """
     planes = np.concatenate([picture, objects[..., None].astype(np.float32)], axis=2)
-    return patches(planes, place_px, ways, np.full(len(place_px), _REACH * half_px))
+    return patches(planes, place_px, ways, np.full(len(place_px), REACH * half_px))
 
 
 class BallNetwork(nn.Module):
@@ -41,9 +44,14 @@ class BallNetwork(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers = judging_layers(3 + 1)
+        self.layers = judging_layers(3 + 1, 1 + 3)
 
-    def forward(self, seen: torch.Tensor) -> torch.Tensor:
-        """Return log odds, float (N,), of patches by `ball_patches`."""
-        looks: torch.Tensor = self.layers(torch.cat([normalised(seen[:, :3]), seen[:, 3:]], dim=1))
-        return looks[:, 0]
+    def forward(self, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Look at patches by `ball_patches`.
+
+        Returns:
+            Log odds, float (N,), and the ball if there is one, float (N, 3): how far its middle is
+            ahead and aside of the patch's, and its radius, in half widths of the rope.
+        """
+        out: torch.Tensor = self.layers(torch.cat([normalised(seen[:, :3]), seen[:, 3:]], dim=1))
+        return out[:, 0], torch.cat([out[:, 1:3], _USUAL_RADIUS * out[:, 3:].exp()], dim=1)

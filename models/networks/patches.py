@@ -69,8 +69,8 @@ def normalised(picture: torch.Tensor) -> torch.Tensor:
     return (planes - planes.mean(dim=(2, 3), keepdim=True)) / spread
 
 
-def judging_layers(channels: int) -> nn.Sequential:
-    """Return layers that give each patch, (N, channels, PATCH, PATCH), one number: (N, 1)."""
+def judging_layers(channels: int, numbers: int = 1) -> nn.Sequential:
+    """Return layers that give each patch, (N, channels, PATCH, PATCH), numbers: (N, numbers)."""
     layers: list[nn.Module] = []
     for width, stride in ((16, 1), (24, 2), (32, 2), (48, 2)):
         layers += [nn.Conv2d(channels, width, 3, stride, 1), nn.SiLU()]
@@ -82,5 +82,5 @@ def judging_layers(channels: int) -> nn.Sequential:
         nn.Dropout(0.2),
         nn.Linear(channels * side * side, 32),
         nn.SiLU(),
-        nn.Linear(32, 1),
+        nn.Linear(32, numbers),
     )
