@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+import numpy as np
+
 from pliant.spec.frame import Frame
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
 from pliant.spec.io.resizing import resize_nearest
@@ -40,7 +42,7 @@ def read_frame(
     on = None if mask is None else resize_nearest(read_mask(mask, whole), size)
     depth_m = None if depth is None else resize_nearest(read_depth(depth, whole), size)
     frame = Frame(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))
-    contents = hashlib.sha256()  # a camera may write the next picture to the same file
+    contents = hashlib.sha256(repr(size).encode())  # a camera may write to the same file again
     for array in (rgb, on, depth_m):
-        contents.update(b"none" if array is None else array.tobytes())
+        contents.update(b"none" if array is None else np.ascontiguousarray(array).data)
     return frame.cached_as(f"{picture} {contents.hexdigest()}")

@@ -109,6 +109,11 @@ def test_what_a_method_caches_is_of_the_contents_of_the_files(tmp_path: Path) ->
     assert key() == key()
     assert len({key(), key(paths[0], 8), key(paths[2], 501)}) == 3
     assert read_frame(paths[0]).cache_key != read_frame(paths[0], paths[1]).cache_key
+    shapes = set()  # of pictures whose pixels are the same in another shape
+    for size in ((6, 9), (9, 6)):
+        Image.new("RGB", size).save(paths[0])
+        shapes.add(read_frame(paths[0]).cache_key)
+    assert len(shapes) == 2
 
 
 def test_an_inverted_mask_is_reported(tmp_path: Path) -> None:
