@@ -41,17 +41,19 @@ def cut_object_remarks(source: Mask | None, target: Mask | None) -> list[str]:
         source: bool (H, W), where a picture shows the object, or None where that is unknown.
         target: Likewise of the other picture.
     """
-    cut = []
-    for name, mask in (("source", source), ("target", target)):
-        if mask is not None:
-            ring = mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()
-            cut += [name] * bool(ring > _CUT * max(mask.shape))
+    masks = {"source": source, "target": target}
+    cut = [name for name, mask in masks.items() if mask is not None and _is_cut(mask)]
     if not cut:
         return []
     return [
         f"The object leaves the picture of the {' and the '.join(cut)}: places are answered as if "
         "both pictures showed all of it."
     ]
+
+
+def _is_cut(mask: Mask) -> bool:
+    on_border = sum(side.sum() for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    return bool(on_border > _CUT * max(mask.shape))
 
 
 def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:

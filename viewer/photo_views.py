@@ -134,9 +134,8 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     gap = np.abs(rgb - np.median(_edge(rgb), axis=0)).max(axis=2)
     differs = gap > _DIFFERS
     background = gap[~differs]
-    if min(np.mean(part == 0) for part in (_edge(gap), background) if part.size) < _FLAT:
-        return None
-    if not differs.any():
+    flatness = min(np.mean(part == 0) for part in (_edge(gap), background) if part.size)
+    if flatness < _FLAT or not differs.any():
         return None
     # What is enclosed by the object is a dark or bright place of the object itself, unless
     # half as much of it has the background's exact colour as of the background around the object.

@@ -2,8 +2,8 @@
 
 Pictures are shown as they are, and in other colours and light, as to the network for masks. In the
 mask that is found in each, the candidates near the true ball are right and all others are wrong;
-the right ones also learn the ball's place and radius.
-From a part of these masks the ball is taken away, as it is missing where it looks like the table.
+the right ones also teach the ball's place and radius. From a part of these masks the ball is taken
+away, as it is missing where it looks like the table.
 """
 
 from __future__ import annotations
