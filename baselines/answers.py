@@ -70,8 +70,8 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
     """
     answers = found if isinstance(found, Answers) else Answers(found)  # type: ignore[arg-type]
     check = _Check(method, where)
-    check.precision("uv_px", answers.uv_px)
     fields: dict[str, Any] = {"uv_px": check.values("uv_px", answers.uv_px, (count, 2), _POSITION)}
+    check.precision("uv_px", answers.uv_px)
     for name, bounds in (("visible", _PROBABILITY), ("sigma_px", _SIGMA)):
         if (given := getattr(answers, name)) is not None:
             fields[name] = check.values(name, given, (count,), bounds)

@@ -228,7 +228,7 @@ def predict(
     Args:
         dataset: The dataset, or what `load` takes.
         method: What `open_method` takes, a `Matcher`, an object with `match` alone, or a function
-            (source, target, queries (N, 2)) -> positions (N, 2).
+            (source, target, queries (N, 2)) -> positions (N, 2) or `Answers`.
         split: A split with queries.
         workers: Number of processes; does not change the answers.
         progress: Called with the pairs done and the pairs in all.

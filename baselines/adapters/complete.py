@@ -30,7 +30,7 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
 
     Args:
         method: A matcher, an object with one of its methods, or a function
-            (source, target, queries (N, 2)) -> positions (N, 2).
+            (source, target, queries (N, 2)) -> positions (N, 2) or `Answers`.
         name: Name for an object that has none; None takes its class's.
 
     Raises:
@@ -111,8 +111,9 @@ def _fill(method: Any, attribute: str, value: object) -> None:
         ) from error
 
 
-MatchFunction = Callable[[Frame, Frame, Float32Array], npt.ArrayLike]
-"""(source, target, query pixels (N, 2)) -> their positions in the target (N, 2), pixels."""
+MatchFunction = Callable[[Frame, Frame, Float32Array], npt.ArrayLike | Answers]
+"""(source, target, query pixels (N, 2)) -> their positions in the target (N, 2), pixels, or
+`Answers` with more than positions."""
 
 
 class FunctionMatcher:
@@ -120,7 +121,7 @@ class FunctionMatcher:
 
     Args:
         function: Returns one position (u, v) per query, with the centre of the first pixel at
-            (0.5, 0.5).
+            (0.5, 0.5), or `Answers`.
         name: Name of the method; None takes the function's.
     """
 
@@ -135,7 +136,8 @@ class FunctionMatcher:
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
         found: Any = self._function(pair.source, pair.target, pair.uv_a_px)
-        return Answers(uv_px=found)  # the loop checks and converts it, and names the pair
+        # The loop checks and converts it, and names the pair.
+        return found if isinstance(found, Answers) else Answers(uv_px=found)
 
 
 def from_function(function: MatchFunction, name: str | None = None) -> FunctionMatcher:

@@ -198,7 +198,7 @@ def _table(answers: Given) -> pa.Table:
     if not isinstance(answers, Mapping):
         if hasattr(answers, "columns"):  # an Arrow table, or a data frame of pandas or polars
             return _arrow(answers)
-        positions = np.asarray(answers)
+        positions = np.asarray(_array(answers))
         if positions.ndim != 2 or positions.shape[1] != 2:
             raise CallError(
                 "answers must be a table, columns by name, or positions (u, v)",
@@ -206,6 +206,7 @@ def _table(answers: Given) -> pa.Table:
                 required="shape (number of queries, 2)",
             )
         columns = {"u": positions[:, 0], "v": positions[:, 1]}
+    columns = {name: _array(column) for name, column in columns.items()}
     for name, column in columns.items():
         if np.iscomplexobj(column):
             raise CallError(
@@ -214,7 +215,12 @@ def _table(answers: Given) -> pa.Table:
                 found="complex numbers",
                 fix="Give u and v as two real columns.",
             )
-    return _arrow(dict(columns))
+    return _arrow(columns)
+
+
+def _array(values: Any) -> Any:
+    """Return a torch tensor, on whatever device, as an array, and other values as they are."""
+    return values.detach().cpu().numpy() if hasattr(values, "detach") else values
 
 
 def _arrow(columns: Any) -> pa.Table:

@@ -167,6 +167,7 @@ def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> Non
         ({"uv_px": lambda n: np.full((n, 2), np.nan)}, "pair 0, uv_px.*nan .40 of 40.*finite"),
         ({"uv_px": lambda n: np.full((n, 2), 1e300)}, "pair 0, uv_px.*inf .40 of 40.*within"),
         ({"uv_px": lambda n: None}, "pair 0: .*something else than answers; found NoneType"),
+        ({"uv_px": lambda n: (np.ones((n, 2)), np.ones(n))}, "something else.*found tuple.*array"),
         ({"uv_px": lambda n: np.zeros((n - 1, 2), np.float32)}, "pair 0, uv_px.*wrong shape"),
         ({"uv_px": lambda n: [(3, 4)] * n}, "pair 0, uv_px.*half a pixel; found int64.*add 0.5"),
         ({"uv_px": lambda n: np.ones((n, 2), bool)}, "pair 0, uv_px.*half a pixel; found bool"),
@@ -204,6 +205,15 @@ def test_answers_may_be_tensors_of_a_network(cards: Dataset, tmp_path: Path) -> 
     assert table.column("u").to_pylist() == [7.5] * 60
     assert table.column("visible").to_pylist() == [0.75] * 60
     assert pliant.predict(cards, lambda source, target, uv: tensor(len(uv))).answers.uv_px.all()
+
+
+def test_a_function_may_return_answers_with_visibility(cards: Dataset) -> None:
+    def doubtful(source: Frame, target: Frame, uv: Any) -> Answers:
+        return Answers(uv, visible=np.full(len(uv), 0.25))
+
+    found = pliant.predict(cards, doubtful).answers.visible
+    assert found is not None
+    assert set(found.tolist()) == {0.25}
 
 
 class Matching(Fixed):

@@ -45,6 +45,14 @@ def test_a_data_frame_has_columns_by_name(scene: Any) -> None:
         assert figure(scores, "rmse_px") == pytest.approx(0, abs=1e-4)
 
 
+def test_tensors_of_a_network_are_read(scene: Any) -> None:
+    torch = pytest.importorskip("torch")
+    uv = torch.tensor(scene.true_px, dtype=torch.float32, requires_grad=True)
+    for answers in (uv, {"u": uv[:, 0], "v": uv[:, 1]}):
+        scores = evaluate_answers(scene.root, scene.split, answers)
+        assert figure(scores, "rmse_px") == pytest.approx(0, abs=1e-4)
+
+
 def test_distributions_and_missing_answers_work_in_memory(scene: Any, tmp_path: Path) -> None:
     modes = [[{"u": u, "v": v, "sigma": 2.0, "weight": 1.0}] for u, v in scene.true_px.tolist()]
     table = scene.table(modes=modes)
