@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from unicodedata import normalize
 
@@ -17,7 +18,7 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.marks import Mark
-from pliant.spec.text import plural
+from pliant.spec.text import number_order, plural
 
 _SLACK_PX = 0.5  # a mark that counts from the first pixel's centre may be half a pixel outside
 
@@ -102,7 +103,7 @@ class Collector:
         self.marks[picture, point] = replace(mark, visible=mark.visible and known)
 
     def annotations(self) -> Annotations:
-        """Return what was gathered, without suggestions; pictures are sorted by name.
+        """Return what was gathered, without suggestions; pictures in the order of their names.
 
         Raises:
             SpecError: No marks, fewer than two pictures, or a visible mark outside its
@@ -110,7 +111,8 @@ class Collector:
         """
         kept = {key: mark for key, mark in self.marks.items() if mark.source != "suggested"}
         suggested = len(self.marks) - len(kept)
-        pictures, points = sorted(self._pictures), list(dict.fromkeys(point for _, point in kept))
+        pictures = sorted(sorted(self._pictures), key=lambda path: number_order(str(path)))
+        points = list(dict.fromkeys(point for _, point in kept))
         if len(pictures) < 2 or not points:
             raise SpecError(
                 "there is nothing to ask",
@@ -180,7 +182,8 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
 
 
 def _some_pictures(folder: Path) -> str:
-    names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    files = chain(folder.iterdir(), folder.glob("images/*"))
+    names = sorted(p.name for p in files if p.suffix.lower() in SUFFIXES)
     return ", ".join(names[:4]) + (" …" if len(names) > 4 else "") or "no pictures"
 
 

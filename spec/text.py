@@ -64,6 +64,11 @@ def number_in(text: str) -> float:
     return float(text)
 
 
+def number_order(name: str) -> list[str | int]:
+    """Return a key that sorts names as people number them: `frame2` before `frame10`."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
 def name_fault(name: str) -> str | None:
     """Return why a text cannot be shown as a name, in words, or None for a good name.
 

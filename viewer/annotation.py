@@ -16,7 +16,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.io.writing import replacing
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
-from pliant.spec.text import plural
+from pliant.spec.text import number_order, plural
 from pliant.viewer.photo_match import match_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
@@ -47,7 +47,8 @@ class Annotation:
     ) -> None:
         if not folder.is_dir():
             raise CallError("folder not found", path=folder)
-        self.pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+        pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+        self.pictures = sorted(pictures, key=lambda picture: number_order(picture.name))
         self.heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
         if len(self.pictures) < 2:
             raise CallError(
