@@ -7,6 +7,7 @@ was resized by, so the truth stays exact; the factors are in the dataset's prove
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,6 +47,12 @@ class Canvas:
     def original(self) -> list[tuple[int, int]]:
         """(width, height) of each picture, px."""
         return [photo_size(picture) for picture in self.pictures]
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Name of each picture; where they are in several folders, with its folder."""
+        folder = os.path.commonpath([picture.parent for picture in self.pictures])
+        return [picture.relative_to(folder).as_posix() for picture in self.pictures]
 
     @cached_property
     def size(self) -> tuple[int, int]:
@@ -96,8 +103,8 @@ class Canvas:
     def facts(self) -> list[dict[str, Any]]:
         """Return what became of each picture, for the provenance."""
         return [
-            {"name": picture.name, "size": list(size), "placed": list(self.placed(frame))}
-            for frame, (picture, size) in enumerate(zip(self.pictures, self.original, strict=True))
+            {"name": name, "size": list(size), "placed": list(self.placed(frame))}
+            for frame, (name, size) in enumerate(zip(self.names, self.original, strict=True))
         ]
 
 
@@ -137,17 +144,16 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
     uv_px = annotations.uv_px + (0.5 if options.pixels == "index" else 0.0)
     masks = _companions(annotations.pictures, options.masks or annotations.masks)
     depths = _companions(annotations.pictures, options.depth)
-    names = [picture.name for picture in annotations.pictures]
     name = annotations.path.stem if annotations.path.is_file() else annotations.path.name
     return Clip(
         name=name,
         size=canvas.size,
-        frames=len(names),
+        frames=len(annotations.pictures),
         read=canvas.read,
         uv_px=uv_px * canvas.scales(),
         visible=annotations.visible,
         temporal=options.temporal,
-        pairs=None if options.pairs is None else _read_pairs(options.pairs, names),
+        pairs=None if options.pairs is None else _read_pairs(options.pairs, canvas.names),
         facts={
             "pictures": canvas.facts(),
             "points": list(annotations.points),

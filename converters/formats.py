@@ -125,7 +125,7 @@ def _tool(path: Path, files: Sequence[Path]) -> tuple[str, Annotations]:
     raise SpecError(
         "there are no annotations to import",
         path=path,
-        required=f"{ANNOTATIONS_CSV} (picture,point,x,y,visible), COCO keypoints, LabelMe files "
-        f"or {KNOTS_JSON}",
+        required=f"{ANNOTATIONS_CSV} (picture,point,x,y,visible), COCO keypoints, LabelMe files, "
+        f"{KNOTS_JSON} or point tracks (.npz)",
         fix="Click points with `pliant annotate DIR`, which writes annotations.csv.",
     )

@@ -15,7 +15,7 @@ from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from tests.converters.conftest import Rejected
-from tests.converters.importing import asked, imported, marked
+from tests.converters.importing import asked, asked_and_true, imported, marked
 
 # Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
 # says that viewers turn it by 90 degrees to the right, so that it is shown as 20 x 30.
@@ -157,6 +157,37 @@ def test_a_list_of_pairs_is_all_that_is_asked(
     assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
     (tmp_path / "pairs.csv").write_text("source,target\n")
     assert "pairs.csv: the list has no pairs" in rejected(photos, *option)
+
+
+def test_frames_of_an_episode_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    """By hand: the point is at 4, 8 and 40 px in frames 1, 2 and 10."""
+    positions = {f"frame{k}.png": {"p": (4.0 * k, 10.0)} for k in (1, 2, 10)}
+    source = marked(tmp_path / "photos", positions)
+    imported(source, tmp_path / "out", "--episode", "--queries", "first")
+    rows = asked_and_true(tmp_path / "out")
+    assert [(row[3], row[4]) for row in rows] == [(1, 8.0), (2, 40.0)]
+
+
+def test_pictures_of_one_name_are_told_apart_by_their_folders(
+    tmp_path: Path, rejected: Rejected
+) -> None:
+    source = tmp_path / "photos"
+    for camera in "ab":
+        marked(
+            source / camera, {f"{k}.png": {"p": (10.0 * k + (camera == "b"), 5.0)} for k in (1, 2)}
+        )
+    rows = [f"{camera}/{k}.png,p,{10 * k + (camera == 'b')},5,1" for camera in "ab" for k in (1, 2)]
+    (source / "annotations.csv").write_text("\n".join(["picture,point,x,y,visible", *rows]))
+    pairs = tmp_path / "pairs.csv"
+    pairs.write_text("source,target\nb/1.png,a/2.png\n")
+    dataset = imported(source, tmp_path / "out", "--pair-list", str(pairs), warned="FRAME_REPEATED")
+    assert asked(tmp_path / "out") == {(2, 11.0, 5.0, 1, 20.0, 5.0, "visible")}
+    names = [entry["name"] for entry in dataset.info["provenance"]["config"]["pictures"]]
+    assert names == ["a/1.png", "a/2.png", "b/1.png", "b/2.png"]
+    pairs.write_text("source,target\n1.png,2.png\n")
+    assert "found '1.png'; required: one of a/1.png, a/2.png" in rejected(
+        source, "--pair-list", str(pairs)
+    )
 
 
 SOURCES = """picture,point,x,y,visible,source
