@@ -61,7 +61,7 @@ class Recording:
         count = len(mesh.rows)
         chosen = np.arange(count)
         if points is not None and points < count:
-            chosen = np.unique(np.linspace(0, count - 1, points).round().astype(np.int64))
+            chosen = spread(mesh, points)
         table = sequence.correspondences()
         state = states_of(table, sequence.id)
 
@@ -89,6 +89,24 @@ class Recording:
     def visible(self) -> npt.NDArray[np.bool_]:
         """Which points a camera sees, bool (T, N)."""
         return self.state == VISIBLE
+
+
+def spread(mesh: PosedMesh, count: int) -> npt.NDArray[np.int64]:
+    """Return points that are far from each other on the material, int64 (count,), ascending.
+
+    Point 0, then again and again the point that is farthest from those before (Gonzalez 1985).
+
+    Args:
+        mesh: The points.
+        count: How many, 1 to all.
+    """
+    chosen = [0]
+    nearest_m = mesh.queried.distance_m(mesh.material, mesh.material[0])
+    while len(chosen) < count:
+        chosen.append(int(nearest_m.argmax()))
+        last = mesh.material[chosen[-1]]
+        nearest_m = np.minimum(nearest_m, mesh.queried.distance_m(mesh.material, last))
+    return np.sort(np.array(chosen, np.int64))
 
 
 def shares_of_range(recording: Recording) -> npt.NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -19,11 +20,13 @@ from pliant.cli.main import run
 from pliant.converters.convert import TARGETS, chosen_sequences, convert
 from pliant.converters.formats import read_source
 from pliant.converters.targets.lerobot import DEPTH, RGB, TRACKS
-from pliant.converters.targets.recording import Options, Recording
+from pliant.converters.targets.recording import Options, Recording, spread
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
 from pliant.spec.io.reading import read_bytes
+from pliant.spec.model import MaterialCoordinate, MaterialObject
+from pliant.spec.point_mesh import PosedMesh
 from tests.conftest import Called
 
 
@@ -53,6 +56,18 @@ def test_points_of_a_recording(sample: Dataset, recording: Recording) -> None:
             assert recording.uv_px[frame.index, number].tolist() == [row["u_px"], row["v_px"]]
             assert recording.xyz_m[frame.index, number, 2] == np.float32(row["z_m"])
             assert recording.visible[frame.index, number] == (row["visibility"] == "visible")
+
+
+@pytest.mark.parametrize("count", [16, 33, 64])
+def test_fewer_points_cover_the_object(count: int) -> None:
+    """A square of 33 x 33 points: no place is twice as far from a point as in a regular grid."""
+    axis = MaterialCoordinate("u", 0, 1, 1)
+    material = np.stack(np.meshgrid(*[np.linspace(0, 1, 33)] * 2), axis=-1).reshape(-1, 2)
+    mesh = PosedMesh(MaterialObject(1, "cloth", (axis, axis)), np.arange(33**2), material)
+    kept = material[spread(mesh, count)]
+    assert len(kept) == count
+    apart = np.linalg.norm(material[:, None] - kept, axis=2).min(axis=1)
+    assert apart.max() < 2 * math.sqrt(0.5) / math.isqrt(count)
 
 
 def test_tapvid(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
