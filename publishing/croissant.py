@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from pliant.publishing import pairs
 from pliant.publishing.card import is_recorded
-from pliant.publishing.papers import licence_url
+from pliant.publishing.papers import licence_url, web_page
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.reading import sha256_file
@@ -62,7 +62,7 @@ def write_croissant(
         **_responsible(dataset),
         "distribution": _distribution(root),
         "recordSet": _record_sets(dataset, root),
-        "url": url,
+        "url": web_page(url),
         "datePublished": date,
     }
     write_json(root / FILE, {key: value for key, value in document.items() if value is not None})
@@ -109,8 +109,9 @@ def _record_sets(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
         sets.append(_of_table(asked, layout.queries_name(split), QUERIES, pair, joins))
         truth = layout.truth_name(split)
         if dataset.has(truth):
-            answers = {key: f"{asked}/{key}" for key in pair}
-            sets.append(_of_table(f"truth_{split}", truth, TRUTH, pair, answers))
+            # No references to the queries: mlcroissant joins by one column, and gives each answer
+            # once for every query of its pair.
+            sets.append(_of_table(f"truth_{split}", truth, TRUTH, pair, {}))
     for folder, schema, key in (
         ("frames", FRAMES, ["sequence", "frame"]),
         ("correspondences", ROWS, ["sequence", "frame", "point"]),
@@ -151,6 +152,16 @@ def _field(name: str, file: str, column: pa.Field, joins: dict[str, str]) -> dic
         field["source"]["transform"] = {"jsonPath": "bytes"}
     if pa.types.is_list(column.type):
         field |= {"isArray": True, "arrayShape": "-1"}
+        if pa.types.is_struct(column.type.value_type):
+            source = field.pop("source")
+            del field["dataType"]
+            field["subField"] = [
+                {
+                    **_field(own, file, part, {}),
+                    "source": source | {"transform": {"jsonPath": part.name}},
+                }
+                for part in column.type.value_type
+            ]
     if column.name in joins:
         field["references"] = {"field": {"@id": joins[column.name]}}
     return field

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,17 @@ def licence_url(licence: str) -> str | None:
     if licence.startswith("LicenseRef-"):
         return None
     return f"https://spdx.org/licenses/{licence}.html"
+
+
+def web_page(url: str | None) -> str | None:
+    """Return the address that a browser opens, None where there is none.
+
+    Args:
+        url: Where a dataset is hosted: `https://…`, or what fsspec opens, such as
+            `hf://datasets/ada/ropes`, whose page is on huggingface.co.
+    """
+    page = re.sub("^hf://", "https://huggingface.co/", url or "")
+    return page if page.startswith(("https://", "http://")) else None
 
 
 def citation(
@@ -39,7 +51,7 @@ def citation(
         "abstract": info["description"],
         "authors": [{"name": author} for author in authors],
         "license": info["licence"] if licence_url(info["licence"]) else None,
-        "url": url,
+        "url": web_page(url),
         "date-released": date,
     }
     given = {name: value for name, value in document.items() if value is not None}
@@ -80,8 +92,8 @@ def zenodo(
         document["license"] = str(info["licence"]).lower()
     if date is not None:
         document["publication_date"] = date
-    if url is not None and url.startswith("https://"):
+    if (page := web_page(url)) is not None:
         document["related_identifiers"] = [
-            {"identifier": url, "relation": "isIdenticalTo", "resource_type": "dataset"}
+            {"identifier": page, "relation": "isIdenticalTo", "resource_type": "dataset"}
         ]
     return document

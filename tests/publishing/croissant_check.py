@@ -46,6 +46,10 @@ def croissant_problems(root: Path) -> Iterator[str]:
 def _field_problems(
     field: dict[str, Any], objects: Mapping[Any, Path], fields: Collection[Any]
 ) -> Iterator[str]:
+    for part in field.get("subField", []):
+        yield from _field_problems(part, objects, fields)
+    if "subField" in field:
+        return
     own, source = field.get("@id"), field.get("source", {})
     path = objects.get(source.get("fileObject", {}).get("@id"))
     column = source.get("extract", {}).get("column")

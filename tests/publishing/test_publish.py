@@ -17,7 +17,9 @@ import yaml
 from PIL import Image
 
 from pliant.cli.main import run
+from pliant.evaluator.report.pages import environment
 from pliant.publishing import PublishSettings, publish
+from pliant.publishing.papers import citation, zenodo
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.reading import read_bytes
@@ -243,6 +245,31 @@ def test_the_papers(halves: Any) -> None:
             assert np.asarray(picture).std() > 20
 
 
+@pytest.mark.parametrize(
+    ("url", "page"),
+    [
+        ("hf://datasets/ada/tiny", "https://huggingface.co/datasets/ada/tiny"),
+        ("https://example.org/tiny", "https://example.org/tiny"),
+        ("s3://ada/tiny", None),
+    ],
+)
+def test_papers_name_the_page_that_a_browser_opens(url: str, page: str | None, halves: Any) -> None:
+    """The schema of CITATION.cff 1.2.0 allows http, https, ftp and sftp alone."""
+    info = Dataset.open(halves.public).info
+    assert yaml.safe_load(citation(info, ["Ada"], url, None)).get("url") == page
+    pages = [
+        each["identifier"] for each in zenodo(info, [], url, None).get("related_identifiers", [])
+    ]
+    assert pages == ([] if page is None else [page])
+
+
+def test_a_name_with_a_hyphen_stays_on_its_line() -> None:
+    """Markdown shows the end of a line as a space."""
+    template = environment("pliant.publishing").from_string("{{ text|fill }}")
+    text = template.render(text="a " * 40 + "Grace Brewster-Murray-Hopper")
+    assert "Brewster-Murray-Hopper" in text
+
+
 def test_croissant_is_accepted_offline(halves: Any) -> None:
     pytest.importorskip("mlcroissant")
     path = halves.public / "croissant.json"
@@ -252,11 +279,15 @@ def test_croissant_is_accepted_offline(halves: Any) -> None:
         "print(dataset.metadata.ctx.conforms_to.value)\n"
         "rows = list(dataset.records('queries_test'))\n"
         "print(len(rows), rows[0]['queries_test/sequence_a'].decode())\n"
+        "answers = list(mlc.Dataset(jsonld=sys.argv[1]).records('truth_val'))\n"
+        "print(len(answers), len(answers[-1]['truth_val/alternatives']))\n"
     )
-    first = Dataset.open(halves.public).queries("test")["sequence_a"][0].as_py()
-    assert printed(code, path)[-2:] == [
+    public = Dataset.open(halves.public)
+    truth = public.truth("val")
+    assert printed(code, path)[-3:] == [
         "http://mlcommons.org/croissant/1.1",
-        f"288 {first}",
+        f"288 {public.queries('test')['sequence_a'][0].as_py()}",
+        f"{len(truth)} {len(truth['alternatives'][-1])}",
     ]
 
 
