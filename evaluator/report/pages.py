@@ -72,4 +72,11 @@ def _fill(text: str) -> str:
     """Wrap a paragraph or list item; the lines after a list item's first one are indented."""
     plain = " ".join(text.split())
     indent = "  " if plain.startswith("- ") else ""
-    return textwrap.fill(plain, CARD_WIDTH, subsequent_indent=indent) + "\n"
+    wrapped = textwrap.fill(
+        plain,
+        CARD_WIDTH,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,  # Markdown shows the end of a line as a space
+    )
+    return wrapped + "\n"
