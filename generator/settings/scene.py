@@ -95,8 +95,10 @@ class CameraSettings(Settings):
         top: Weight of the view from above.
         oblique: Weight of the view from the side.
         fov_deg: Horizontal field of view, degrees.
-        fill: Share of the frame's width or height, whichever is tighter, that the object's
-            box takes at the start; less where the camera would be in the object or below the table.
+        fill: Share of the frame's width or height, whichever is tighter, that the object's box
+            takes over all configurations of a sequence (of an episode, at its start and with the
+            middle of its workspace); less where the camera would be in the object or below the
+            table.
         shift: Share of the free margin by which the object may be off the centre.
         top_tilt_deg: Angle of the top view against the vertical, degrees.
         top_roll_deg: Roll of the top view about its axis, degrees.
