@@ -279,7 +279,7 @@ def evaluate(
 
     Raises:
         SubmissionError: Something is wrong with the answers; its `issues` list all of it.
-        CallError: No such protocol or split.
+        CallError: No such protocol or split, or what `predict` returned is of another dataset.
 
     Examples:
         >>> answers = pliant.predict("sample", "centroid")
@@ -303,6 +303,14 @@ def evaluate(
         )
     if isinstance(answers, SplitAnswers):
         split, name, given = answers.split, str(answers.method["name"]), answers.to_table()
+        if answers.dataset.queries_sha256(split) != opened.queries_sha256(split):
+            raise CallError(
+                "the answers belong to other queries",
+                where="answers",
+                found=repr(answers),
+                required=f"answers to split {split} of {opened.root}",
+                fix="Predict again with this dataset",
+            )
     else:
         name, given = "answers in memory", answers
     return evaluate_answers(

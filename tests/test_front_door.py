@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import doctest
 import importlib
 import re
@@ -16,7 +17,7 @@ import pliant
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict as predict_file
 from pliant.evaluator import evaluate as evaluate_file
-from pliant.spec.dataset import Dataset
+from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.errors import CallError, SpecError
 
 README = Path(__file__).parents[1] / "README.md"
@@ -111,6 +112,15 @@ def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path:
     expected = evaluate_file(file, ds).overall
     for given in (answers, memory, answers.to_table()):
         assert pliant.evaluate(ds, given).overall == expected
+
+
+def test_answers_to_another_dataset_are_refused(ds: Dataset) -> None:
+    """As many queries with the same numbers do not make them answers to these queries."""
+    sample = pliant.predict("sample", "identity")
+    of_another = dataclasses.replace(sample, dataset=ds)
+    with pytest.raises(CallError, match=r"answers: .*other queries; found SplitAnswers"):
+        pliant.evaluate("sample", of_another)
+    assert pliant.evaluate(SAMPLE, sample).overall["rmse_px"] is not None
 
 
 def test_a_generated_dataset_validates(tiny_dataset: Path, tiny_episode: Path, ds: Dataset) -> None:
