@@ -103,7 +103,7 @@ class FrameStore:
                 f"tier {tier} has no sequence in split {split!r} with depth and dense truth",
                 path=dataset.root,
                 required=f"one of {splits}" if splits else "a dataset of pliant generate",
-                fix="A training run names its splits by the settings split and validation.split",
+                fix="Settings of a training run: split, validation.split" if splits else None,
             )
         self.size = int(size[0]), int(size[1])
         self.full_size = dataset.size
