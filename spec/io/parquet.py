@@ -130,7 +130,10 @@ def open_table(path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.Pa
         FileRefusedError: Missing, no Parquet, damaged, or it announces too much.
     """
     check_regular(path, limits.MAX_TABLE_BYTES)
-    file = _open(path)
+    chunks = read_column_chunks(path)  # never metadata.row_group(i).column(j): see there
+    delta = {".".join(chunk.path) for chunk in chunks if chunk.has_delta_text}
+    text = {".".join(chunk.path) for chunk in chunks if chunk.is_text}
+    file = _open(path, sorted(text - delta))
     metadata = file.metadata
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     if metadata.num_rows < 0 or metadata.num_rows != sum(group.num_rows for group in groups):
@@ -143,10 +146,7 @@ def open_table(path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.Pa
             found=f"{metadata.num_rows} rows",
             required=f"at most {max_rows}",
         )
-    delta = set()
-    for chunk in read_column_chunks(path):  # never metadata.row_group(i).column(j): see there
-        if chunk.has_delta_text:
-            delta.add(".".join(chunk.path))
+    for chunk in chunks:
         if chunk.uncompressed_bytes > limits.MAX_CHUNK_BYTES or (
             chunk.values > limits.MAX_CHUNK_VALUES
         ):
@@ -159,19 +159,17 @@ def open_table(path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.Pa
                 required=f"at most {limits.MAX_CHUNK_VALUES} values, "
                 f"{limits.MAX_CHUNK_BYTES} bytes",
             )
-    leaves = [file.schema.column(index) for index in range(metadata.num_columns)]
-    text = {leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"}
-    return _open(path, read_dictionary=sorted(text - delta), metadata=metadata)
+    return file
 
 
-def _open(path: AnyFile, **options: Any) -> pq.ParquetFile:
+def _open(path: AnyFile, dictionaries: list[str]) -> pq.ParquetFile:
     try:
         return pq.ParquetFile(
             pa.BufferReader(path.data) if isinstance(path, Blob) else path,
+            read_dictionary=dictionaries,
             pre_buffer=False,  # which keeps every byte it has read until the file is closed
             thrift_string_size_limit=_THRIFT_LIMIT,
             thrift_container_size_limit=_THRIFT_LIMIT,
-            **options,
         )
     except Exception as error:  # Arrow's errors do not share a base
         raise unreadable(path, error) from error

@@ -17,6 +17,7 @@ from pliant.spec.io.reading import AnyFile, FileRefusedError, open_binary
 MAX_FOOTER_BYTES: Final = 16 * 2**20
 _TAIL_BYTES: Final = 8
 _DELTA_TEXT: Final = frozenset({6, 7})
+_BYTE_ARRAY: Final = 6  # of the format's physical types
 _MAX_DEPTH: Final = 32
 
 # Types of the compact protocol.
@@ -36,6 +37,7 @@ class ColumnChunk:
         rows: Rows of the row group.
         values: Values of the chunk, nulls included.
         uncompressed_bytes: Size of its pages once decompressed.
+        is_text: Whether its values are byte arrays of any length.
         encodings: Numbers of its pages' encodings in the Parquet format.
     """
 
@@ -44,6 +46,7 @@ class ColumnChunk:
     rows: int
     values: int
     uncompressed_bytes: int
+    is_text: bool = False
     encodings: tuple[int, ...] = ()
 
     @property
@@ -89,7 +92,7 @@ def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
 
 
 # Field number -> how to read it: None keeps the value, a mapping keeps a structure's fields.
-_META_DATA: Final[dict[int, Any]] = {2: None, 3: None, 5: None, 6: None}
+_META_DATA: Final[dict[int, Any]] = {1: None, 2: None, 3: None, 5: None, 6: None}
 _ROW_GROUP: Final[dict[int, Any]] = {1: {3: _META_DATA}, 3: None}
 _FILE: Final[dict[int, Any]] = {4: _ROW_GROUP}
 
@@ -109,6 +112,7 @@ def _column_chunks(footer: bytes) -> tuple[ColumnChunk, ...]:
                     rows=int(group[3]),
                     values=int(meta[5]),
                     uncompressed_bytes=int(meta[6]),
+                    is_text=meta[1] == _BYTE_ARRAY,
                     encodings=tuple(int(number) for number in meta[2]),
                 )
             )

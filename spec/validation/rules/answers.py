@@ -38,6 +38,11 @@ class Tracks:
     askable: npt.NDArray[np.bool_]
     partners: npt.NDArray[np.int32]
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(array.nbytes for array in vars(self).values())
+
 
 def read_tracks(context: Context, known: SequenceResult) -> Tracks | None:
     """Return a sequence's tables, None if they are not sound enough to compare with."""

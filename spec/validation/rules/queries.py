@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +16,7 @@ from pliant.spec.conventions import VISIBLE
 from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.lru_cache import LRUCache
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.answers import (
@@ -30,7 +31,7 @@ from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.tables import check_table, numbers
 
-_TABLES_IN_MEMORY = 16
+_BYTES_OF_TABLES = 2**28
 
 
 def check_split_queries(
@@ -99,10 +100,11 @@ class _SplitCheck:
     of_truth: FileProblems
 
     @cached_property
-    def _tracks_of(self) -> Callable[[str], Tracks | None]:
-        return lru_cache(_TABLES_IN_MEMORY)(
-            lambda name: read_tracks(self.context, self.sequences[name])
-        )
+    def _kept(self) -> LRUCache[Tracks | None]:
+        return LRUCache(_BYTES_OF_TABLES, lambda tracks: tracks.nbytes if tracks else 0, least=2)
+
+    def _tracks_of(self, name: str) -> Tracks | None:
+        return self._kept.get(name, lambda: read_tracks(self.context, self.sequences[name]))
 
     def run(self, queries: pa.Table, truth: pa.Table | None) -> None:
         """Check the rows, pair by pair."""
