@@ -1,7 +1,7 @@
 """Following a rope through its mask, from one end to the other."""
 
 from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
-from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
+from pliant.baselines.tracing.crossings import Crossing, Overlap, SeenStrand, self_crossings
 from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
@@ -21,6 +21,7 @@ __all__ = [
     "Overlap",
     "Reframed",
     "RopeTracer",
+    "SeenStrand",
     "Skeleton",
     "Trace",
     "ball_remarks",
@@ -31,7 +32,6 @@ __all__ = [
     "has_ball",
     "located",
     "mask_remarks",
-    "overlap",
     "placed",
     "rectified",
     "rope_traces",

@@ -104,7 +104,7 @@ def _continued(trace: Trace, other: Trace) -> Trace:
         return slice(round(before + part.start * share), round(before + part.stop * share))
 
     overlaps = tuple(
-        replace(each, upper=moved(each.upper), lower=moved(each.lower)) for each in trace.overlaps
+        replace(each, first=moved(each.first), second=moved(each.second)) for each in trace.overlaps
     )
     return replace(
         trace,

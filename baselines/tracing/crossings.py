@@ -1,20 +1,23 @@
-"""Where a line crosses itself, and what that means for pixels on top of each other.
+"""Where a line crosses itself, and which of its strands is seen there.
 
-A mask does not show which of two crossing strands is on top. Whoever knows it (from
-shading or depth) says so by an `Overlap`: pixels on the body of the upper strand are then the
-upper strand's, even where the middle of the lower one is nearer.
+A mask does not show which of two crossing strands is on top, nor where its edge is. Whoever knows
+it (from shading or depth) says so by an `Overlap`. Of places near both strands it gives the log
+odds o that the first one is seen, and with the distance g to the middle of the upper one, in half
+widths of the rope, a place is the first one's where o + w (b - g) > 0 (w negative where the first
+is the lower one).
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 
 from pliant.baselines.tracing.settings import TRACING
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -35,18 +38,52 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class Overlap:
-    """Two stretches of a trace of which one covers the other; numbers of stations.
+class SeenStrand:
+    """Which of two crossing strands is seen in a square around their crossing.
 
     Attributes:
-        upper: The stretch on top.
-        lower: The one below it.
-        half_px: Half the rope's width.
+        place_px: float64 (2,), the middle of the square.
+        way: float64 (2,), unit vector along its x axis.
+        reach_px: Half its side.
+        square: float32 (side, side), log odds that the first strand is seen and not the second one.
     """
 
-    upper: slice
-    lower: slice
+    place_px: FloatArray
+    way: FloatArray
+    reach_px: float
+    square: Float32Array
+
+    @property
+    def first_on_top(self) -> bool:
+        """Whether it is the first strand that is seen in the middle."""
+        side = len(self.square)
+        middle = slice(side * 5 // 12, side * 7 // 12)
+        return float(self.square[middle, middle].sum()) > 0
+
+    def log_odds(self, uv_px: npt.NDArray[np.floating[Any]]) -> Float32Array:
+        """Return the log odds that places (N, 2) show the first strand, float32 (N,)."""
+        apart = uv_px - self.place_px
+        aside = np.array([-self.way[1], self.way[0]])
+        share = np.stack([apart @ aside, apart @ self.way]) / self.reach_px
+        pixel = (share + 1) / 2 * len(self.square) - 0.5
+        return np.asarray(map_coordinates(self.square, pixel, order=1, mode="nearest"))
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two stretches of a trace that cross; numbers of stations.
+
+    Attributes:
+        first: The stretch that `seen` calls the first.
+        second: The other one.
+        half_px: Half the rope's width.
+        seen: Which of them is seen, place by place.
+    """
+
+    first: slice
+    second: slice
     half_px: float
+    seen: SeenStrand
 
 
 def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
@@ -73,48 +110,34 @@ def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
     return list(map(Crossing, first.tolist(), second.tolist(), places_px, ways))
 
 
-def overlap(
-    crossing: Crossing, *, first_is_upper: bool, half_px: float, spacing_px: float, stations: int
-) -> Overlap:
-    """Return the stretches of a trace around a crossing.
-
-    Args:
-        crossing: The crossing; its numbers are stations.
-        first_is_upper: Whether the first passage is on top.
-        half_px: Half the rope's width.
-        spacing_px: Distance of neighbouring stations.
-        stations: Number of stations.
-    """
-    sine = abs(float(_cross(crossing.ways[0], crossing.ways[1])))
-    reach = math.ceil((half_px / max(sine, TRACING.crossing_least_sine) + half_px) / spacing_px)
-
-    def stretch(station: int) -> slice:
-        return slice(max(0, station - reach), min(stations, station + reach + 1))
-
-    first, second = stretch(crossing.first), stretch(crossing.second)
-    upper, lower = (first, second) if first_is_upper else (second, first)
-    return Overlap(upper, lower, half_px)
-
-
-def nearest_stations(gap_px: FloatArray, overlaps: tuple[Overlap, ...]) -> npt.NDArray[np.int64]:
-    """Return the station that each place belongs to: the nearest, or the one that covers it.
+def nearest_stations(
+    gap_px: FloatArray, uv_px: npt.NDArray[np.floating[Any]], overlaps: tuple[Overlap, ...]
+) -> npt.NDArray[np.int64]:
+    """Return the station that each place belongs to: the nearest one of the strand seen there.
 
     Args:
         gap_px: float64 (N, S), distances from N places to S stations.
+        uv_px: float (N, 2), the places.
         overlaps: What is known of the trace's crossings.
 
     Returns:
         int64 (N,).
     """
     station = gap_px.argmin(axis=1)
+    places = np.arange(len(station))
     for each in overlaps:
-        above = gap_px[:, each.upper].argmin(axis=1) + each.upper.start
-        on_upper = (
-            np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0]
-            <= TRACING.crossing_body * each.half_px
+        first, second = (
+            gap_px[:, part].argmin(axis=1) + part.start for part in (each.first, each.second)
         )
-        on_lower = (station >= each.lower.start) & (station < each.lower.stop)
-        station = np.where(on_upper & on_lower, above, station)
+        gaps = np.stack([gap_px[places, first], gap_px[places, second]]) / each.half_px
+        doubtful = gaps.max(axis=0) < TRACING.crossing_near
+        doubtful &= (station == first) | (station == second)
+        if doubtful.any():
+            log_odds = each.seen.log_odds(uv_px[doubtful])
+            top, sign = (0, 1) if each.seen.first_on_top else (1, -1)
+            on_top = TRACING.crossing_weight * (TRACING.crossing_body - gaps[top, doubtful])
+            on_first = log_odds + sign * on_top > 0
+            station[doubtful] = np.where(on_first, first[doubtful], second[doubtful])
     return station
 
 

@@ -49,7 +49,7 @@ def located(trace: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> Located:
         uv_px: float (N, 2).
     """
     gap = np.linalg.norm(uv_px[:, None] - trace.uv_px[None], axis=2)
-    station = nearest_stations(gap, trace.overlaps)
+    station = nearest_stations(gap, uv_px, trace.overlaps)
     axes = trace.axes[station]
     along, across = np.einsum("nij,nj->in", axes, uv_px - trace.uv_px[station])
     on_body = (across / trace.half_px).clip(-1, 1)

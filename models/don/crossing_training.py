@@ -1,40 +1,63 @@
-"""Learns over and under at crossings from the frames of a training split.
+"""Learns which strand is seen at crossings from the frames of a training split.
 
-The truth says where the rope crosses itself and which passage the camera sees. Crossings are
-jittered as traces err, colours are mixed, blurred and made noisy, and patches mirrored; two
-minutes on one core are enough.
+The truth says where the rope crosses itself and which part of it each pixel shows. Middles and
+widths are jittered as traces err, colours are mixed, blurred and made noisy, and patches mirrored.
+
+A visible point on the side of the upper strand is on its edge, and the pixel around it may show
+the lower strand: pixels nearer than 0.45 px to the upper strand count as its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import distance_transform_edt, gaussian_filter1d
 from torch.nn import functional
 
-from pliant.baselines.tracing import self_crossings
+from pliant.baselines.tracing import Crossing, self_crossings
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
-from pliant.models.don.crossings import LEAST_APART
+from pliant.models.don.crossings import LEAST_APART, line_points
 from pliant.models.don.patch_training import fit_patches, recoloured
-from pliant.models.networks.crossing_network import (
-    CrossingNetwork,
-    CrossingPatches,
-    crossing_patches,
-)
-from pliant.spec.arrays import FloatArray, RealArray
+from pliant.models.networks.crossing_network import REACH, SIDE, CrossingNetwork, distances
+from pliant.models.networks.patches import patches, steps
+from pliant.spec.arrays import Float32Array, FloatArray, RealArray
 
 _BINS: Final = 100
 _MOST_FRAMES: Final = 4000
 _LEAST_CROSSINGS: Final = 20
-_LEAST_POINTS: Final = 2
-_LEAST_DIFFERENCE: Final = 0.3  # in the shares of both passages' points that are seen
-_NEAR: Final = 1.2
-_PLACE_JITTER, _WAY_JITTER_RAD, _WIDTH_JITTER = 0.25, 0.1, 0.1
-_EPOCHS: Final = 15
+_AROUND: Final = 2 * REACH  # half the side of what is kept of a crossing, half widths
+_KEPT_SIDE: Final = 2 * SIDE
+_ON_STRAND: Final = 0.05  # of the rope's length to the crossing, at most
+_MIDDLE: Final = 0.8  # half widths around the crossing, where the upper strand is told
+_CLEARLY: Final = 1.5  # so many times more pixels show it there than the lower one
+_EDGE_PX: Final = 0.45
+_DOUBTFUL: Final = 1.6  # half widths from both middles
+_INSIDE: Final = (
+    0.2  # weight of pixels that are not near an edge, where 1 is that of those that are
+)
+_NEAR_EDGE: Final = 7  # pixels, the side of a square in which both strands are seen
+_SHIFT, _TURN_RAD, _WIDTH = 0.1, 0.12, 0.1  # of a patch, standard deviations
+_LINE_SHIFT, _LINE_TURN_RAD = 0.08, 0.03  # of the middles
+_EPOCHS: Final = 16
+
+
+class _Crossings(NamedTuple):
+    """The surroundings of N crossings, in half widths of the rope.
+
+    Attributes:
+        seen: uint8 (N, 5, _KEPT_SIDE, _KEPT_SIDE): colours, where the first strand is seen, and
+            where either is.
+        lines: float (N, 2, L, 2), the middles of both strands from the crossing.
+        way: float (N, 2, 2), unit vectors along them.
+    """
+
+    seen: torch.Tensor
+    lines: torch.Tensor
+    way: torch.Tensor
 
 
 def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork | None:
@@ -47,54 +70,85 @@ def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork
     Returns:
         The network; None where the frames show fewer than 20 crossings.
     """
-    rng = np.random.default_rng(seed)
     share = _MOST_FRAMES // len(stores)
-    found = [each for store in stores for each in _labelled(store, share, rng)]
-    if sum(len(patches) for patches, _ in found) < _LEAST_CROSSINGS:
+    found = [each for store in stores for each in _labelled(store, share)]
+    if len(found) < _LEAST_CROSSINGS:
         return None
-    patches = CrossingPatches.joined([patches for patches, _ in found])
-    first_is_upper = torch.cat([label for _, label in found])
+    every = _Crossings(*(torch.stack(parts) for parts in zip(*found, strict=True)))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = CrossingNetwork()
 
         def loss(rows: torch.Tensor) -> torch.Tensor:
-            odds = network(_augmented(patches.rows(rows)))
-            return functional.binary_cross_entropy_with_logits(odds, first_is_upper[rows])
+            planes, first, weight = _shown(_Crossings(*(each[rows] for each in every)))
+            total = functional.binary_cross_entropy_with_logits(
+                network(planes), first, weight, reduction="sum"
+            )
+            return total / weight.sum().clamp_min(1)
 
-        fit_patches(network, loss, len(first_is_upper), epochs=_EPOCHS)
+        fit_patches(network, loss, len(found), epochs=_EPOCHS)
         return network
 
 
-def _labelled(
-    store: FrameStore, most: int, rng: np.random.Generator
-) -> Iterator[tuple[CrossingPatches, torch.Tensor]]:
+def _labelled(store: FrameStore, most: int) -> Iterator[_Crossings]:
+    """Yield the crossings of some frames, of which the picture tells which strand is on top."""
     along = store.material[:, 0]
     for number in range(min(most, len(store))):
-        frame = store.view(number)
-        picture = frame.rgb.astype(np.float32) / 255
+        surface, frame = store.frames[number].surface, store.view(number)
         line = _middle_line(frame, along)
-        if line is None:
+        if line is None or surface is None:
             continue
         length_px = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         half_px = 0.5 * float(frame.mask.sum()) / length_px
-        place, ways, label = [], [], []
+        part = np.where(frame.mask, surface.m0, np.nan)
         for each in self_crossings(line, round(LEAST_APART * _BINS)):
-            near = np.linalg.norm(frame.uv_px - each.place_px, axis=1) < _NEAR * half_px
-            passages = [(k + 1) / _BINS for k in (each.first, each.second)]
-            on = [near & (np.abs(along - at) < LEAST_APART) for at in passages]
-            if min(points.sum() for points in on) < _LEAST_POINTS:
-                continue
-            seen = [float(frame.visible[points].mean()) for points in on]
-            if abs(seen[0] - seen[1]) < _LEAST_DIFFERENCE:
-                continue
-            place.append(each.place_px + rng.normal(0, _PLACE_JITTER * half_px, 2))
-            ways.append(_turned(each.ways, rng.normal(0, _WAY_JITTER_RAD, 2)))
-            label.append(float(seen[0] > seen[1]))
-        if label:
-            widths = half_px * np.exp(rng.normal(0, _WIDTH_JITTER, len(label)))
-            patches = crossing_patches(picture, np.stack(place), np.stack(ways), widths)
-            yield patches, torch.tensor(label)
+            seen = _surroundings(frame, part, each, half_px)
+            if seen is not None:
+                yield _Crossings(
+                    (seen * 255).round().to(torch.uint8),
+                    torch.from_numpy(_lines(line, each) / half_px).float(),
+                    torch.from_numpy(each.ways).float(),
+                )
+
+
+def _surroundings(
+    frame: TrainingFrame, part: RealArray, crossing: Crossing, half_px: float
+) -> torch.Tensor | None:
+    """Return what `_Crossings.seen` has of a crossing, 0 to 1; None where its top is unclear."""
+    off = [abs(part - (k + 1) / _BINS) for k in (crossing.first, crossing.second)]
+    with np.errstate(invalid="ignore"):
+        first = (off[0] < _ON_STRAND) & (off[0] <= off[1])
+        second = (off[1] < _ON_STRAND) & (off[1] < off[0])
+    rows, columns = np.indices(part.shape) + 0.5
+    gap_px = np.hypot(columns - crossing.place_px[0], rows - crossing.place_px[1])
+    middle = gap_px < _MIDDLE * half_px
+    count = sorted([(first & middle).sum(), (second & middle).sum()])
+    if count[1] <= _CLEARLY * count[0]:
+        return None
+    first_on_top = (first & middle).sum() == count[1]
+    upper = first if first_on_top else second
+    on_upper = distance_transform_edt(~upper) <= _EDGE_PX + 0.5  # from the middles of pixels
+    labels = [on_upper if first_on_top else ~on_upper, first | second]
+    planes: Float32Array = np.concatenate(
+        [frame.rgb.astype(np.float32) / 255, np.stack(labels, axis=2)], axis=2, dtype=np.float32
+    )
+    return patches(
+        planes,
+        crossing.place_px[None],
+        np.array([[1.0, 0.0]]),
+        np.array([_AROUND * half_px]),
+        _KEPT_SIDE,
+    )[0]
+
+
+def _lines(line: FloatArray, crossing: Crossing) -> FloatArray:
+    """Return the middles of both strands around a crossing, from it, float64 (2, L, 2)."""
+    reach = round(_ON_STRAND * _BINS)
+    parts = [
+        slice(max(0, at + 1 - reach), at + 2 + reach) for at in (crossing.first, crossing.second)
+    ]
+    ends = [slice(part.start, min(part.stop, len(line))) for part in parts]
+    return line_points(line, ends) - crossing.place_px
 
 
 def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
@@ -108,27 +162,60 @@ def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
     return np.asarray(gaussian_filter1d(line, 1.0, axis=0, mode="nearest"))
 
 
-def _turned(ways: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    x, y = ways.T
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+def _shown(kept: _Crossings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return patches as `crossing_planes` makes them, changed at random, and what is right.
+
+    Returns:
+        The patches, float (N, 5, SIDE, SIDE); 1 where the first strand is seen, and how much that
+        counts, 0 to 1, float (N, SIDE, SIDE): nothing where neither is seen or one is far away.
+    """
+    count = len(kept.seen)
+    swapped = torch.rand(count) < 0.5
+    lines = torch.where(swapped[:, None, None, None], kept.lines.flip(1), kept.lines)
+    way = torch.where(swapped[:, None], kept.way[:, 1], kept.way[:, 0])
+    grid = _grid(way)
+    seen = functional.grid_sample(
+        kept.seen / 255, grid / _AROUND, padding_mode="border", align_corners=False
+    )
+    turn = _rotations(_LINE_TURN_RAD * torch.randn(count, 2))
+    moved = torch.einsum("nkij,nklj->nkli", turn, lines)
+    moved = moved + _LINE_SHIFT * torch.randn(count, 2, 1, 2)
+    gaps = distances(grid, moved)
+    rgb = recoloured(seen[:, None, :3])[:, 0]
+    rgb = torch.where(torch.rand(count, 1, 1, 1) < 0.3, _blurred(rgb), rgb)
+    first = (seen[:, 3] > 0.5) ^ swapped[:, None, None]
+    doubtful = (seen[:, 4] > 0.5) & (gaps.amax(dim=1) < _DOUBTFUL)
+    spread = [
+        functional.max_pool2d(each[:, None].float(), _NEAR_EDGE, 1, _NEAR_EDGE // 2)[:, 0]
+        for each in (first, ~first)
+    ]
+    weight = doubtful * (_INSIDE + (1 - _INSIDE) * spread[0] * spread[1])
+    return torch.cat([rgb, gaps], dim=1), first.float(), weight
 
 
-def _augmented(patches: CrossingPatches) -> CrossingPatches:
-    picture, angle = recoloured(patches.picture), patches.angle
-    count = len(picture)
-    each = (count, 1, 1, 1, 1)
-    picture = torch.where(torch.rand(each) < 0.3, _blurred(picture), picture)
-    # Each strand's patch on its own: mirrored across the strand, and walked the other way.
-    own = (count, 2, 1, 1, 1)
-    mirrored = torch.rand(own) < 0.5
-    picture = torch.where(mirrored, picture.flip(3), picture)
-    angle = torch.where(mirrored.flatten(1), -angle, angle)
-    picture = torch.where(torch.rand(own) < 0.5, picture.flip(3, 4), picture)
-    return CrossingPatches(picture, angle)
+def _grid(way: torch.Tensor) -> torch.Tensor:
+    """Return where the pixels of patches along ways (N, 2) are, about, float (N, SIDE, SIDE, 2)."""
+    count = len(way)
+    along = torch.from_numpy(steps(REACH, SIDE)).float()
+    y, x = torch.meshgrid(along, along, indexing="ij")
+    mirrored = torch.where(torch.rand(count, 1, 1) < 0.5, -y, y)
+    places = torch.stack([x.expand(count, -1, -1), mirrored], dim=-1)
+    angle = torch.atan2(way[:, 1], way[:, 0]) + _TURN_RAD * torch.randn(count)
+    angle = angle + torch.pi * (torch.rand(count) < 0.5)
+    turned = torch.einsum("nij,nhwj->nhwi", _rotations(angle), places)
+    scale = torch.exp(_WIDTH * torch.randn(count, 1, 1, 1))
+    return scale * turned + _SHIFT * torch.randn(count, 1, 1, 2)
+
+
+def _rotations(angle: torch.Tensor) -> torch.Tensor:
+    """Return matrices (…, 2, 2) that turn by angles (…,)."""
+    cosine, sine = angle.cos(), angle.sin()
+    return torch.stack(
+        [torch.stack([cosine, -sine], dim=-1), torch.stack([sine, cosine], dim=-1)], dim=-2
+    )
 
 
 def _blurred(picture: torch.Tensor) -> torch.Tensor:
     kernel = torch.tensor([1.0, 2.0, 1.0]) / 4
-    flat = functional.pad(picture.flatten(0, 2)[:, None], (1, 1, 1, 1), mode="replicate")
+    flat = functional.pad(picture.flatten(0, 1)[:, None], (1, 1, 1, 1), mode="replicate")
     return functional.conv2d(flat, torch.outer(kernel, kernel)[None, None]).view_as(picture)

@@ -1,17 +1,18 @@
-"""Over and under: which strand is on top where a rope crosses itself, for the traces of a view."""
+"""Over and under: which strand is seen where a rope crosses itself, for the traces of a view."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import torch
 
-from pliant.baselines.tracing import Trace, overlap, self_crossings
-from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
-from pliant.spec.arrays import BoolArray
+from pliant.baselines.tracing import Crossing, Overlap, SeenStrand, Trace, self_crossings
+from pliant.models.networks.crossing_network import REACH, CrossingNetwork, crossing_planes
+from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.frame import Frame
 
 CROSSINGS: Final = "crossings.safetensors"
@@ -20,54 +21,93 @@ CROSSINGS: Final = "crossings.safetensors"
 LEAST_APART: Final = 0.04
 """Passages nearer along the rope, as a share of its length, do not count as a crossing."""
 
+LINE_POINTS: Final = 11
+"""Points of a strand's middle that the network is shown."""
+
 _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
+_LINE_REACH: Final = 1.45 * REACH  # half widths: past the corners of a patch
+_SAME_PLACE: Final = 0.5  # half widths; crossings of two traces as near as this are one,
+_SAME_WAY: Final = 0.95  # if the cosine of the angle between their strands is no less
+
+
+@dataclass(frozen=True)
+class _Met:
+    """A crossing of a trace with the stretches that meet there."""
+
+    crossing: Crossing
+    parts: tuple[slice, slice]
+    lines_px: FloatArray  # (2, LINE_POINTS, 2)
+
+    def order(self, other: _Met, half_px: float) -> int:
+        """Return 1 if another one is the same, -1 if it is with its strands exchanged, or 0."""
+        own, others = self.crossing, other.crossing
+        if np.linalg.norm(own.place_px - others.place_px) > _SAME_PLACE * half_px:
+            return 0
+        cosine = np.abs(own.ways @ others.ways.T)
+        straight, exchanged = cosine.diagonal(), cosine[::-1].diagonal()
+        if max(straight.min(), exchanged.min()) < _SAME_WAY:
+            return 0
+        return 1 if straight.sum() >= exchanged.sum() else -1
 
 
 def with_overlaps(
     network: CrossingNetwork, view: Frame, mask: BoolArray, traces: Sequence[Trace]
 ) -> list[Trace]:
-    """Return traces that know which of their parts cover others.
+    """Return traces that know which of their parts are seen where they cross.
 
     Args:
         network: Trained.
         view: The image.
         mask: bool (h, w), the rope, at any size.
-        traces: Its readings, in pixels of the image.
+        traces: Its readings, in pixels of the image, the most plausible first.
     """
     picture = view.rgb.astype(np.float32) / 255
     factor = picture.shape[1] / mask.shape[1]
     area_px2 = float(mask.sum()) * factor**2
-    found = []
-    for trace in traces:
-        stations = len(trace.uv_px)
-        half_px = 0.5 * area_px2 / trace.length_px
-        met = self_crossings(trace.uv_px, round(LEAST_APART * stations))
-        if len(met) > _MOST_CROSSINGS:
-            met = []
-        found.append((half_px, met))
-    every = [(half_px, crossing) for half_px, met in found for crossing in met]
-    if not every:
-        return list(traces)
-    patches = crossing_patches(
-        picture,
-        np.stack([crossing.place_px for _, crossing in every]),
-        np.stack([crossing.ways for _, crossing in every]),
-        np.array([half_px for half_px, _ in every]),
-    )
-    with torch.inference_mode():
-        odds = iter(network(patches).tolist())
+    seen: list[tuple[_Met, SeenStrand]] = []
     known = []
-    for trace, (half_px, met) in zip(traces, found, strict=True):
-        spacing_px = trace.length_px / (len(trace.uv_px) - 1)
-        overlaps = tuple(
-            overlap(
-                each,
-                first_is_upper=next(odds) > 0,
-                half_px=half_px,
-                spacing_px=spacing_px,
-                stations=len(trace.uv_px),
-            )
-            for each in met
-        )
-        known.append(replace(trace, overlaps=overlaps))
+    for trace in traces:
+        half_px = 0.5 * area_px2 / trace.length_px
+        overlaps = []
+        for met in _meetings(trace, half_px):
+            orders = (met.order(other, half_px) for other, _ in seen)
+            number, order = next(((n, o) for n, o in enumerate(orders) if o), (len(seen), 1))
+            if number == len(seen):
+                seen.append((met, _look(network, picture, met, half_px)))
+            first, second = met.parts[::order]
+            overlaps.append(Overlap(first, second, half_px, seen[number][1]))
+        known.append(replace(trace, overlaps=tuple(overlaps)))
     return known
+
+
+def _meetings(trace: Trace, half_px: float) -> list[_Met]:
+    stations = len(trace.uv_px)
+    reach = math.ceil(_LINE_REACH * half_px / trace.length_px * (stations - 1))
+    met = self_crossings(trace.uv_px, round(LEAST_APART * stations))
+
+    def around(crossing: Crossing) -> _Met:
+        first, second = (
+            slice(max(0, at - reach), min(stations, at + reach + 1))
+            for at in (crossing.first, crossing.second)
+        )
+        return _Met(crossing, (first, second), line_points(trace.uv_px, (first, second)))
+
+    return [around(each) for each in met] if len(met) <= _MOST_CROSSINGS else []
+
+
+def line_points(line_px: FloatArray, parts: Sequence[slice]) -> FloatArray:
+    """Return parts of a line (N, 2) as the network is shown them, float64 (K, LINE_POINTS, 2)."""
+    return np.stack(
+        [
+            line_px[np.linspace(part.start, part.stop - 1, LINE_POINTS).round().astype(np.int64)]
+            for part in parts
+        ]
+    )
+
+
+def _look(network: CrossingNetwork, picture: Float32Array, met: _Met, half_px: float) -> SeenStrand:
+    place_px, way = met.crossing.place_px, met.crossing.ways[0]
+    planes = crossing_planes(picture, place_px[None], way[None], met.lines_px[None], half_px)
+    with torch.inference_mode():
+        square = network(planes)[0].numpy()
+    return SeenStrand(place_px, way, REACH * half_px, square)

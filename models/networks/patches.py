@@ -17,17 +17,22 @@ PATCH: Final = 32
 _FLATTEST: Final = 4.0 / 255
 
 
-def steps(reach: float) -> FloatArray:
-    """Return the offsets of a patch's pixels from its middle along one side, float64 (PATCH,).
+def steps(reach: float, side: int = PATCH) -> FloatArray:
+    """Return the offsets of a patch's pixels from its middle along one side, float64 (side,).
 
     Args:
         reach: Half its side, in any unit.
+        side: Its pixels.
     """
-    return ((np.arange(PATCH) + 0.5) / PATCH * 2 - 1) * reach
+    return ((np.arange(side) + 0.5) / side * 2 - 1) * reach
 
 
 def patches(
-    image: Float32Array, place_px: FloatArray, ways: FloatArray, reach_px: FloatArray
+    image: Float32Array,
+    place_px: FloatArray,
+    ways: FloatArray,
+    reach_px: FloatArray,
+    side: int = PATCH,
 ) -> torch.Tensor:
     """Sample squares of an image.
 
@@ -36,11 +41,12 @@ def patches(
         place_px: float64 (N, 2), their middles.
         ways: float64 (N, 2), unit vectors along their x axes.
         reach_px: float64 (N,), half their sides.
+        side: Their pixels along each side.
 
     Returns:
-        float32 (N, C, PATCH, PATCH).
+        float32 (N, C, side, side).
     """
-    along = steps(1.0)
+    along = steps(1.0, side)
     across = np.stack([-ways[:, 1], ways[:, 0]], axis=-1)
     unit = reach_px[:, None, None, None]
     grid = (
@@ -52,16 +58,16 @@ def patches(
     places = torch.from_numpy((grid * 2 / [width, height] - 1).astype(np.float32))
     planes = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
     sampled = functional.grid_sample(
-        planes, places.view(1, -1, PATCH, 2), padding_mode="border", align_corners=False
+        planes, places.view(1, -1, side, 2), padding_mode="border", align_corners=False
     )
-    return sampled[0].view(channels, -1, PATCH, PATCH).transpose(0, 1)
+    return sampled[0].view(channels, -1, side, side).transpose(0, 1)
 
 
 def normalised(picture: torch.Tensor) -> torch.Tensor:
     """Return grey, and red and blue less grey, of patches, with mean 0 and the grey's spread 1.
 
     Args:
-        picture: float (N, 3, PATCH, PATCH), 0 to 1.
+        picture: float (N, 3, side, side), 0 to 1.
     """
     grey = picture.mean(dim=1, keepdim=True)
     planes = torch.cat([grey, picture[:, :1] - grey, picture[:, 2:] - grey], dim=1)

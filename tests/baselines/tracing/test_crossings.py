@@ -6,9 +6,9 @@ import pytest
 from pliant.baselines.tracing import (
     Nadir,
     Overlap,
+    SeenStrand,
     Trace,
     located,
-    overlap,
     placed,
     self_crossings,
 )
@@ -46,24 +46,25 @@ def test_a_straight_line_and_a_line_on_itself_do_not_cross() -> None:
     assert self_crossings(np.concatenate([there, there[::-1]]), 5) == []
 
 
-@pytest.mark.parametrize("first_is_upper", [True, False])
-def test_a_place_on_both_strands_is_on_the_upper_one(first_is_upper: bool) -> None:
+@pytest.mark.parametrize("first_on_top", [True, False])
+def test_a_place_near_both_strands_is_on_the_one_that_is_seen_there(first_on_top: bool) -> None:
     line = loop()
     (found,) = self_crossings(line, 10)
-    known = overlap(
-        found, first_is_upper=first_is_upper, half_px=6.0, spacing_px=1.5, stations=STATIONS
-    )
-    upper, lower = (0, 1) if first_is_upper else (1, 0)
-    # On the body of the upper strand, and exactly on the middle of the lower one.
-    place = found.place_px + 5.0 * found.ways[lower]
+    # Along the second strand: seen from 7 px ahead of the crossing on, under the first before.
+    square = np.full((48, 48), 20.0, dtype=np.float32)
+    square[:, 38:] = -20.0
+    seen = SeenStrand(found.place_px, found.ways[1], 12.0, square if first_on_top else -square)
+    assert seen.first_on_top == first_on_top
+    parts = [slice(at - 12, at + 13) for at in (found.first, found.second)]
+    known = Overlap(parts[0], parts[1], 6.0, seen)
     target = trace(np.stack([np.arange(STATIONS), np.zeros(STATIONS)], axis=1).astype(float))
 
-    def station(*overlaps: Overlap) -> float:
-        return float(placed(target, located(trace(line, *overlaps), place[None]))[0, 0])
+    def stations(*overlaps: Overlap) -> np.ndarray:
+        # The strands cross at a right angle: the first is 6, 8.5 and 11 px away.
+        places = found.place_px + np.outer([6.0, 8.5, 11.0], found.ways[1])
+        return placed(target, located(trace(line, *overlaps), places))[:, 0]
 
-    passages = (found.first, found.second)
-    assert station() == pytest.approx(passages[lower], abs=6)
-    assert station(known) == pytest.approx(passages[upper], abs=6)
-    # Past the edge of the upper strand, the lower one is visible again.
-    place = found.place_px + 9.0 * found.ways[lower]
-    assert station(known) == pytest.approx(passages[lower], abs=10)
+    first, second = found.first, found.second
+    assert stations() == pytest.approx([second] * 3, abs=10)
+    under, past = (first, second) if first_on_top else (second, first)
+    assert stations(known) == pytest.approx([under, past, second], abs=10)
