@@ -100,6 +100,7 @@ class LocalServer:
         self.address = f"{root}{secret}/" if token else root
         settings = uvicorn.Config(
             application(secret),
+            log_config=None,  # a new one closes the handlers of the program
             log_level="critical",
             access_log=False,
             lifespan="off",

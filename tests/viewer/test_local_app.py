@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 from collections.abc import Iterator
 from functools import partial
@@ -168,3 +169,14 @@ def test_a_folder_that_is_no_site_is_refused(
         assert "--host, --workers: a site is served to this machine alone" in said
         with pytest.raises(CallError, match="the port cannot be used"):
             LocalServer(lambda token: page_application(folder, [], token), taken.getsockname()[1])
+
+
+def test_the_programs_logging_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Handlers may own their stream: absl's closes the standard error of a test run."""
+    closed: list[logging.Handler] = []
+    monkeypatch.setattr(logging.Handler, "close", closed.append)
+    (tmp_path / "index.html").touch()
+    site_server(tmp_path)._socket.close()
+    assert closed == []
