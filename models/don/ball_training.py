@@ -19,7 +19,7 @@ from torch.nn import functional
 from pliant.models.don.ball import BallCandidates, distances_px
 from pliant.models.don.mask_training import SAMPLINGS, coloured
 from pliant.models.don.one_rope import resized
-from pliant.models.don.patch_training import fit_patches, recoloured
+from pliant.models.don.patch_training import fit_patches, recoloured, rotations
 from pliant.models.don.segmentation import denoised, picture_as, shown
 from pliant.models.networks.ball_network import REACH, BallNetwork
 from pliant.models.networks.mask_network import MaskNetwork
@@ -150,8 +150,7 @@ def _changed(seen: torch.Tensor, balls: torch.Tensor) -> tuple[torch.Tensor, tor
     seen = torch.where(mirrored[:, None, None, None], seen.flip(2), seen)
     aside = torch.where(mirrored, -balls[:, 1], balls[:, 1])
     angle, scale = _TURN_RAD * torch.randn(count), torch.exp(_SCALE * torch.randn(count))
-    cosine, sine = scale * angle.cos(), scale * angle.sin()
-    turn = torch.stack([torch.stack([cosine, -sine], 1), torch.stack([sine, cosine], 1)], 1)
+    turn = scale[:, None, None] * rotations(angle)
     shift = _SHIFT * torch.randn(count, 2)
     grid = functional.affine_grid(
         torch.cat([turn, shift[..., None]], dim=2), list(seen.shape), align_corners=False

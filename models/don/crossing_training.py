@@ -18,10 +18,11 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter1d
 from torch.nn import functional
 
 from pliant.baselines.tracing import Crossing, self_crossings
+from pliant.baselines.tracing.settings import TRACING
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossings import LEAST_APART, line_points
-from pliant.models.don.patch_training import fit_patches, recoloured
+from pliant.models.don.patch_training import fit_patches, recoloured, rotations
 from pliant.models.networks.crossing_network import REACH, SIDE, CrossingNetwork, distances
 from pliant.models.networks.patches import patches, steps
 from pliant.spec.arrays import Float32Array, FloatArray, RealArray
@@ -32,10 +33,9 @@ _LEAST_CROSSINGS: Final = 20
 _AROUND: Final = 2 * REACH  # half the side of what is kept of a crossing, half widths
 _KEPT_SIDE: Final = 2 * SIDE
 _ON_STRAND: Final = 0.05  # of the rope's length to the crossing, at most
-_MIDDLE: Final = 0.8  # half widths around the crossing, where the upper strand is told
-_CLEARLY: Final = 1.5  # so many times more pixels show it there than the lower one
+_MIDDLE: Final = 0.8  # half widths from the crossing; the upper strand has most pixels there,
+_CLEARLY: Final = 1.5  # more than so many times those of the lower one
 _EDGE_PX: Final = 0.45
-_DOUBTFUL: Final = 1.6  # half widths from both middles
 _INSIDE: Final = (
     0.2  # weight of pixels that are not near an edge, where 1 is that of those that are
 )
@@ -145,10 +145,10 @@ def _lines(line: FloatArray, crossing: Crossing) -> FloatArray:
     """Return the middles of both strands around a crossing, from it, float64 (2, L, 2)."""
     reach = round(_ON_STRAND * _BINS)
     parts = [
-        slice(max(0, at + 1 - reach), at + 2 + reach) for at in (crossing.first, crossing.second)
+        slice(max(0, at + 1 - reach), min(at + 2 + reach, len(line)))
+        for at in (crossing.first, crossing.second)
     ]
-    ends = [slice(part.start, min(part.stop, len(line))) for part in parts]
-    return line_points(line, ends) - crossing.place_px
+    return line_points(line, parts) - crossing.place_px
 
 
 def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
@@ -177,14 +177,14 @@ def _shown(kept: _Crossings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     seen = functional.grid_sample(
         kept.seen / 255, grid / _AROUND, padding_mode="border", align_corners=False
     )
-    turn = _rotations(_LINE_TURN_RAD * torch.randn(count, 2))
+    turn = rotations(_LINE_TURN_RAD * torch.randn(count, 2))
     moved = torch.einsum("nkij,nklj->nkli", turn, lines)
     moved = moved + _LINE_SHIFT * torch.randn(count, 2, 1, 2)
     gaps = distances(grid, moved)
     rgb = recoloured(seen[:, None, :3])[:, 0]
     rgb = torch.where(torch.rand(count, 1, 1, 1) < 0.3, _blurred(rgb), rgb)
     first = (seen[:, 3] > 0.5) ^ swapped[:, None, None]
-    doubtful = (seen[:, 4] > 0.5) & (gaps.amax(dim=1) < _DOUBTFUL)
+    doubtful = (seen[:, 4] > 0.5) & (gaps.amax(dim=1) < TRACING.crossing_near)
     spread = [
         functional.max_pool2d(each[:, None].float(), _NEAR_EDGE, 1, _NEAR_EDGE // 2)[:, 0]
         for each in (first, ~first)
@@ -202,17 +202,9 @@ def _grid(way: torch.Tensor) -> torch.Tensor:
     places = torch.stack([x.expand(count, -1, -1), mirrored], dim=-1)
     angle = torch.atan2(way[:, 1], way[:, 0]) + _TURN_RAD * torch.randn(count)
     angle = angle + torch.pi * (torch.rand(count) < 0.5)
-    turned = torch.einsum("nij,nhwj->nhwi", _rotations(angle), places)
+    turned = torch.einsum("nij,nhwj->nhwi", rotations(angle), places)
     scale = torch.exp(_WIDTH * torch.randn(count, 1, 1, 1))
     return scale * turned + _SHIFT * torch.randn(count, 1, 1, 2)
-
-
-def _rotations(angle: torch.Tensor) -> torch.Tensor:
-    """Return matrices (…, 2, 2) that turn by angles (…,)."""
-    cosine, sine = angle.cos(), angle.sin()
-    return torch.stack(
-        [torch.stack([cosine, -sine], dim=-1), torch.stack([sine, cosine], dim=-1)], dim=-2
-    )
 
 
 def _blurred(picture: torch.Tensor) -> torch.Tensor:

@@ -35,6 +35,14 @@ def fit_patches(
     network.eval()
 
 
+def rotations(angle: torch.Tensor) -> torch.Tensor:
+    """Return the matrices that turn by angles (…,), rad, float (…, 2, 2)."""
+    cosine, sine = angle.cos(), angle.sin()
+    return torch.stack(
+        [torch.stack([cosine, -sine], dim=-1), torch.stack([sine, cosine], dim=-1)], dim=-2
+    )
+
+
 def recoloured(picture: torch.Tensor) -> torch.Tensor:
     """Return patches (N, K, 3, h, w), 0 to 1, in other colours and with noise, all K alike."""
     count = len(picture)
