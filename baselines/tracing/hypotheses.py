@@ -46,7 +46,7 @@ class Trace:
         coverage: Share of the mask that a rope along it covers, 0 to 1.
         retraced: Share of its stations where it follows an earlier part of itself.
         nadir: Where the camera looks straight down.
-        overlaps: Which of its parts cover others, as far as that is known.
+        overlaps: Where it crosses itself, and which part is seen there, as far as that is known.
         cut: Whether the rope leaves the picture at its first and at its last end.
         comes_back: Whether it leaves the picture in between.
     """

@@ -26,8 +26,8 @@ LINE_POINTS: Final = 11
 
 _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
 _LINE_REACH: Final = 1.45 * REACH  # half widths: past the corners of a patch
-_SAME_PLACE: Final = 0.5  # half widths; crossings of two traces as near as this are one,
-_SAME_WAY: Final = 0.95  # if the cosine of the angle between their strands is no less
+_SAME_PLACE: Final = 0.5  # largest distance of crossings of two traces that are one, half widths
+_SAME_WAY: Final = 0.95  # least cosine of the angle between their strands
 
 
 @dataclass(frozen=True)
