@@ -144,7 +144,10 @@ def build_config(
 def _parse_splits(text: str) -> dict[str, int]:
     try:
         pairs = [part.split("=") for part in text.split(",")]
-        return {name.strip(): int(count) for name, count in pairs}
+        counts = {name.strip(): count.strip() for name, count in pairs}
+        if not all(count.isdecimal() for count in counts.values()):
+            raise ValueError(text)
+        return {name: int(count) for name, count in counts.items()}
     except ValueError as error:
         raise CallError(
             "the splits cannot be read",

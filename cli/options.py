@@ -104,6 +104,25 @@ def out_option(metavar: str, text: str, kind: click.Path = PATH) -> Callable[[F]
     return path_option("--out", metavar, text, kind=kind, required=True)
 
 
+def submission_out_option(function: F) -> F:
+    """Add `--out`, the submission to write."""
+
+    def not_text(context: click.Context, parameter: click.Parameter, path: Path) -> Path:
+        del context, parameter
+        if path.suffix.lower() in (".csv", ".json", ".jsonl"):
+            raise click.BadParameter(f"{path} would be a Parquet file. Name it so: SUB.parquet")
+        return path
+
+    return click.option(
+        "--out",
+        metavar="SUB.parquet",
+        type=PATH,
+        required=True,
+        callback=not_text,
+        help="The submission to write; an earlier submission there is replaced.",
+    )(function)
+
+
 def data_option(text: str = "Dataset folder.") -> Callable[[F], F]:
     """Return `--data`, the required folder of a dataset."""
     return path_option("--data", "DIR", text, required=True)

@@ -13,7 +13,7 @@ from pliant.cli.options import (
     json_option,
     kind_option,
     method_options,
-    out_option,
+    submission_out_option,
     split_option,
 )
 from pliant.cli.terminal import echo_result, progress_bar
@@ -23,7 +23,7 @@ from pliant.cli.terminal import echo_result, progress_bar
 @click.argument("method")
 @data_option("The dataset.")
 @split_option
-@out_option("SUB.parquet", "The submission to write; an earlier submission there is replaced.")
+@submission_out_option
 @kind_option("the method's")
 @click.option(
     "--workers",

@@ -12,7 +12,7 @@ from pliant.cli.options import (
     data_option,
     json_option,
     kind_option,
-    out_option,
+    submission_out_option,
     split_option,
 )
 from pliant.cli.terminal import echo_result, to_call
@@ -22,7 +22,7 @@ from pliant.cli.terminal import echo_result, to_call
 @click.argument("answers", required=False, type=FILE, metavar="[ANSWERS]")
 @data_option("The dataset; its queries suffice.")
 @split_option
-@out_option("SUB.parquet", "The file to write; an earlier submission there is replaced.")
+@submission_out_option
 @kind_option("a sparse method's")
 @click.option(
     "--method", metavar="NAME", help="Shown in reports; default: the name of the file ANSWERS."

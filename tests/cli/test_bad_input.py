@@ -164,6 +164,15 @@ def test_a_bad_path_is_one_sentence(
     _fails_in_one_sentence(_call(kind, call, bad, good, tmp_path), capfd)
 
 
+def test_a_submission_is_not_written_by_the_name_of_another_format(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "sub.CSV"
+    assert run(["predict", "identity", "--data", str(tmp_path), "--out", str(out)]) == 2
+    assert "would be a Parquet file" in capfd.readouterr().err
+    assert not out.exists()
+
+
 def _folder_cases() -> Iterator[ParameterSet]:
     """Yield every command with every file of its folder and every damage.
 

@@ -44,6 +44,7 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
     [
         ((), {"size": "640"}, "--size"),
         ((), {"splits": "train"}, "--splits"),
+        ((), {"splits": "train=1_0"}, "--splits"),
         ((), {"splits": "train=1", "sequences": 3}, "--sequences"),
         (("frames",), {}, "--set"),
         (("frames.more=1",), {"frames": 3}, "--set frames.more"),
