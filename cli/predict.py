@@ -13,8 +13,8 @@ from pliant.cli.options import (
     json_option,
     kind_option,
     method_options,
-    submission_out_option,
     split_option,
+    submission_out_option,
 )
 from pliant.cli.terminal import echo_result, progress_bar
 

@@ -12,8 +12,8 @@ from pliant.cli.options import (
     data_option,
     json_option,
     kind_option,
-    submission_out_option,
     split_option,
+    submission_out_option,
 )
 from pliant.cli.terminal import echo_result, to_call
 

@@ -95,10 +95,10 @@ def _labelled(store: FrameStore, most: int) -> Iterator[_Crossings]:
     along = store.material[:, 0]
     for number in range(min(most, len(store))):
         surface, frame = store.frames[number].surface, store.view(number)
-        line = _middle_line(frame, along)
-        if line is None or surface is None:
+        middle = _middle_line(frame, along)
+        if middle is None or surface is None:
             continue
-        length_px = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        line, length_px = middle
         half_px = 0.5 * float(frame.mask.sum()) / length_px
         part = np.where(frame.mask, surface.m0, np.nan)
         for each in self_crossings(line, round(LEAST_APART * _BINS)):
@@ -151,15 +151,19 @@ def _lines(line: FloatArray, crossing: Crossing) -> FloatArray:
     return line_points(line, parts) - crossing.place_px
 
 
-def _middle_line(frame: TrainingFrame, along: RealArray) -> FloatArray | None:
-    """Return the rope's middle at 100 shares of its length, px; None if a stretch has no point."""
+def _middle_line(frame: TrainingFrame, along: RealArray) -> tuple[FloatArray, float] | None:
+    """Return the rope's middle at 100 shares of its length, and that length, as traces have it, px.
+
+    None if a stretch has no point.
+    """
     bins = np.clip((along * _BINS).astype(np.int64), 0, _BINS - 1)
     count = np.bincount(bins, minlength=_BINS)
     if not count.all() or not np.isfinite(frame.uv_px).all():
         return None
     sums = [np.bincount(bins, frame.uv_px[:, axis], _BINS) for axis in (0, 1)]
     line = np.stack(sums, axis=1) / count[:, None]
-    return np.asarray(gaussian_filter1d(line, 1.0, axis=0, mode="nearest"))
+    length_px = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) * _BINS / (_BINS - 1)
+    return gaussian_filter1d(line, 1.0, axis=0, mode="nearest"), length_px
 
 
 def _shown(kept: _Crossings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
