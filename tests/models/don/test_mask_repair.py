@@ -126,3 +126,24 @@ def test_lengths_scale_with_the_picture(found: Masks) -> None:
     twice, _ = corrected(doubled(given), doubled(objects), large)
     assert overlap(once, twice) > 0.95
     assert repaired(doubled(ROPE), doubled(ROPE | BALL), large) is None
+
+
+def strip(half_px: np.ndarray) -> Mask:
+    """Return a level strip of a half width at each of its columns."""
+    mask = np.zeros((480, 640), dtype=np.bool_)
+    rows = np.arange(480)[:, None] + 0.5
+    mask[:, 60:580] = np.abs(rows - 240.0) < half_px
+    return mask
+
+
+@pytest.mark.parametrize(
+    "half_px",
+    [np.linspace(4, 12, 520), 14 + np.sin(np.arange(520) / 10)],
+    ids=["seen obliquely", "thick and laid"],
+)
+def test_an_exact_mask_is_kept_where_the_one_in_the_picture_is_fringed(half_px: np.ndarray) -> None:
+    exact = strip(half_px)
+    fringed = strip(half_px + 3.5)
+    assert repaired(exact, exact, (fringed, None)) is None
+    given = segmented(Frame(np.zeros((480, 640, 3), np.uint8), mask=exact, objects=exact, key="s"))
+    assert repaired(known(given.mask), known(given.objects), (fringed, None)) is not None
