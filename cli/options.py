@@ -72,6 +72,7 @@ def path_option(
     kind: click.Path = PATH,
     required: bool = False,
     multiple: bool = False,
+    callback: Callable[[click.Context, click.Parameter, Any], Any] | None = None,
 ) -> Callable[[F], F]:
     """Return an option whose value is a path.
 
@@ -82,9 +83,16 @@ def path_option(
         kind: `PATH`, or `FILE`, which refuses a folder.
         required: Whether it must be given.
         multiple: Whether it may be repeated.
+        callback: Checks the value.
     """
     return click.option(
-        name, metavar=metavar, type=kind, help=text, required=required, multiple=multiple
+        name,
+        metavar=metavar,
+        type=kind,
+        help=text,
+        required=required,
+        multiple=multiple,
+        callback=callback,
     )
 
 
@@ -104,23 +112,20 @@ def out_option(metavar: str, text: str, kind: click.Path = PATH) -> Callable[[F]
     return path_option("--out", metavar, text, kind=kind, required=True)
 
 
-def submission_out_option(function: F) -> F:
-    """Add `--out`, the submission to write."""
+def _not_text(context: click.Context, parameter: click.Parameter, path: Path) -> Path:
+    del context, parameter
+    if path.suffix.lower() in (".csv", ".json", ".jsonl"):
+        raise click.BadParameter(f"{path} would be a Parquet file. Name it so: SUB.parquet")
+    return path
 
-    def not_text(context: click.Context, parameter: click.Parameter, path: Path) -> Path:
-        del context, parameter
-        if path.suffix.lower() in (".csv", ".json", ".jsonl"):
-            raise click.BadParameter(f"{path} would be a Parquet file. Name it so: SUB.parquet")
-        return path
 
-    return click.option(
-        "--out",
-        metavar="SUB.parquet",
-        type=PATH,
-        required=True,
-        callback=not_text,
-        help="The submission to write; an earlier submission there is replaced.",
-    )(function)
+submission_out_option = path_option(
+    "--out",
+    "SUB.parquet",
+    "The submission to write; an earlier submission there is replaced.",
+    required=True,
+    callback=_not_text,
+)
 
 
 def data_option(text: str = "Dataset folder.") -> Callable[[F], F]:

@@ -71,8 +71,7 @@ class PaintedStore:
         self.drawn = [painted(rng) for _ in range(count)]
         self.material = np.stack([np.linspace(0, 1, POINTS), np.zeros(POINTS)], axis=1)
         self.frames = [
-            SimpleNamespace(has_surface=True, surface=SimpleNamespace(m0=part))
-            for _, _, part in self.drawn
+            SimpleNamespace(surface=SimpleNamespace(m0=part)) for _, _, part in self.drawn
         ]
 
     def __len__(self) -> int:
