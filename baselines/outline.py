@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, central_position
 from pliant.spec.answers import Answers
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import FloatArray, Mask, border
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
@@ -42,18 +42,17 @@ def cut_object_remarks(source: Mask | None, target: Mask | None) -> list[str]:
         target: Likewise of the other picture.
     """
     masks = {"source": source, "target": target}
-    cut = [name for name, mask in masks.items() if mask is not None and _is_cut(mask)]
+    cut = [
+        name
+        for name, mask in masks.items()
+        if mask is not None and border(mask).sum() > _CUT * max(mask.shape)
+    ]
     if not cut:
         return []
     return [
         f"The object leaves the picture of the {' and the '.join(cut)}: places are answered as if "
         "both pictures showed all of it."
     ]
-
-
-def _is_cut(mask: Mask) -> bool:
-    on_border = sum(side.sum() for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
-    return bool(on_border > _CUT * max(mask.shape))
 
 
 def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:

@@ -152,8 +152,6 @@ def warp_view(view: TrainingFrame, affine: FloatArray) -> TrainingFrame:
     inverse = _inverse(affine)
     # Pillow evaluates the map at pixel centres (x + 0.5, y + 0.5): our own convention.
     coefficients = tuple(float(value) for value in inverse.ravel())
-    border = np.concatenate([view.rgb[0], view.rgb[-1], view.rgb[:, 0], view.rgb[:, -1]])
-    fill = tuple(int(value) for value in border.mean(axis=0).round())
     size = (width, height)
 
     def moved(
@@ -164,7 +162,7 @@ def warp_view(view: TrainingFrame, affine: FloatArray) -> TrainingFrame:
         )
 
     nearest = Image.Resampling.NEAREST
-    rgb = np.asarray(moved(view.rgb, Image.Resampling.BILINEAR, fill))
+    rgb = np.asarray(moved(view.rgb, Image.Resampling.BILINEAR, view.border_rgb))
     masks = np.asarray(moved(view.mask + 2 * view.objects.astype(np.uint8), nearest, 0))
     depth_m = np.asarray(moved(view.depth_m, nearest, math.inf))
     uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Names of NumPy array types, for annotations; shapes are in the docstrings."""
+"""Names of NumPy array types, for annotations; shapes are in the docstrings. The border of one."""
 
 from __future__ import annotations
 
@@ -28,3 +28,8 @@ ImageArray = npt.NDArray[np.uint8]
 
 StateArray = npt.NDArray[np.uint8]
 """Visibility states as indices into `conventions.VISIBILITY_STATES`."""
+
+
+def border(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the values of the pixels at the four sides of an image, (N, ...); corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])

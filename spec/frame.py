@@ -9,6 +9,7 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import border
 from pliant.spec.camera import Camera
 
 _CHANGES: Final = itertools.count()
@@ -58,6 +59,11 @@ class Frame:
     def size(self) -> tuple[int, int]:
         """(width, height), pixels."""
         return self.rgb.shape[1], self.rgb.shape[0]
+
+    @property
+    def border_rgb(self) -> tuple[int, ...]:
+        """The mean colour of its border, which a picture that is moved shows outside."""
+        return tuple(int(value) for value in border(self.rgb).mean(axis=0).round())
 
     def replace(self, *, variant: str = "", **changes: Any) -> Frame:
         """Return a frame of this one's arrays with some attributes changed.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.views import read_frame
-from pliant.spec.arrays import Mask
+from pliant.spec.arrays import Mask, border
 from pliant.spec.ball import separate_ball
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
@@ -99,7 +99,7 @@ def read_photo_view(
         return _with_objects(photo, files.objects)
     name, notes = files.picture.name, []
     mask, why = view.mask, "the mask"
-    if mask is not None and _edge(mask).mean() > _INVERTED:
+    if mask is not None and border(mask).mean() > _INVERTED:
         notes.append(
             f"{name}: the mask covers the border of the picture. If it is black on the object, and "
             "not outside, invert it."
@@ -131,16 +131,16 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     Returns:
         bool (H, W), or None where the background is not of one colour or nothing differs from it.
     """
-    gap = np.abs(rgb - np.median(_edge(rgb), axis=0)).max(axis=2)
+    gap = np.abs(rgb - np.median(border(rgb), axis=0)).max(axis=2)
     differs = gap > _DIFFERS
     background = gap[~differs]
-    flatness = min(np.mean(part == 0) for part in (_edge(gap), background) if part.size)
+    flatness = min(np.mean(part == 0) for part in (border(gap), background) if part.size)
     if flatness < _FLAT or not differs.any():
         return None
     # What is enclosed by the object is a dark or bright place of the object itself, unless
     # half as much of it has the background's exact colour as of the background around the object.
     holes, count = ndimage.label(~differs)
-    outside = ~differs & np.isin(holes, _edge(holes))
+    outside = ~differs & np.isin(holes, border(holes))
     around = outside & ndimage.binary_dilation(differs, np.ones((3, 3)), iterations=_BLOCK_PX)
     flat = np.ones(count + 1)  # label 0 is the object itself
     flat[1:] = ndimage.mean(gap == 0, holes, range(1, count + 1))
@@ -151,13 +151,6 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     if sizes.max() < _LEAST_OBJECT * differs.size:
         return None
     return np.asarray((sizes >= _LEAST_PART * sizes.max())[parts])
-
-
-def _edge(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the values of the pixels at the border, (N, ...)."""
-    inside = np.zeros(image.shape[:2], np.bool_)
-    inside[1:-1, 1:-1] = True
-    return image[~inside]
 
 
 def _with_objects(photo: PhotoView, path: Path) -> PhotoView:

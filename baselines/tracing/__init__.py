@@ -6,7 +6,7 @@ from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
 from pliant.baselines.tracing.rectification import rectified, untilted
-from pliant.baselines.tracing.reframing import Reframed, border_rgb
+from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.strands import Skeleton
 from pliant.baselines.tracing.tilt import Nadir
@@ -25,7 +25,6 @@ __all__ = [
     "Skeleton",
     "Trace",
     "ball_remarks",
-    "border_rgb",
     "completed",
     "cut_remarks",
     "half_width_px",

@@ -102,7 +102,7 @@ class Reframed:
         """Return the original under one map more, in one step from its own pixels."""
         original = self.original or self.view
         homography = step if self.homography is None else step @ self.homography
-        seen = warped(original, homography, name, border_rgb(original))
+        seen = warped(original, homography, name, original.border_rgb)
         return Reframed(seen, nadir, homography, original, self.tilted, self.turned)
 
     def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
@@ -203,13 +203,6 @@ def warped(
         objects=masked(view.objects),
         camera=None,
     )
-
-
-def border_rgb(view: Frame) -> tuple[int, ...]:
-    """Return the mean colour of a view's border, which training shows outside its pictures."""
-    rgb = view.rgb
-    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
-    return tuple(int(value) for value in border.mean(axis=0).round())
 
 
 def _box(shown: Mask) -> FloatArray | None:

@@ -13,7 +13,6 @@ from pliant.baselines.tracing import (
     MaskShape,
     Reframed,
     Trace,
-    border_rgb,
     rectified,
     rope_traces,
     untilted,
@@ -116,7 +115,7 @@ class RopeReader:
         shown = self._shown(view) if self._settings.rectify else None
         if shown is None or not shown.any():
             return as_it_is
-        above = self._large(untilted(view, _TILT, shown, border_rgb(view)))
+        above = self._large(untilted(view, _TILT, shown, view.border_rgb))
         gain = self._views.sureness(above.view) - self._views.sureness(as_it_is.view)
         return above if gain > _SURER else as_it_is
 

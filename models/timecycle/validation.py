@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from pliant.baselines.pixels import central_position
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
@@ -117,9 +118,7 @@ def track_identity(stretch: Stretch) -> Iterator[Float32Array]:
 def track_centroid(stretch: Stretch) -> Iterator[Float32Array]:
     """Say that every point is in the middle of the object's mask."""
     for number in stretch.frames[1:]:
-        mask = stretch.store.view(number).mask
-        rows, columns = np.nonzero(mask if mask.any() else np.ones_like(mask))
-        middle = np.array([columns.mean() + 0.5, rows.mean() + 0.5], dtype=np.float32)
+        middle = central_position(stretch.store.view(number))
         yield np.tile(middle, (len(stretch.points), 1))
 
 
