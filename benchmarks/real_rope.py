@@ -31,12 +31,12 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 from scipy import ndimage
-from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from pliant.api import open_method
 from pliant.baselines.matcher import Matcher
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import FloatArray, Mask, border
 from pliant.spec.ball import separate_ball
 from pliant.spec.errors import PliantError
 from pliant.spec.frame import Frame, Pair
@@ -111,24 +111,14 @@ def geodesic(mask: Mask, start: int) -> FloatArray:
     Returns:
         float64 (N,), pixels, diagonal steps count as the square root of 2.
     """
-    number = np.full(np.array(mask.shape) + 2, -1, np.int64)
-    inside = number[1:-1, 1:-1]
-    inside[mask] = np.arange(np.count_nonzero(mask))
-    sides: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], float]] = []
-    for row, column in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        moved = number[1 + row : number.shape[0] - 1 + row, 1 + column :][:, : mask.shape[1]]
-        both = mask & (moved >= 0)
-        sides.append((inside[both], moved[both], float(np.hypot(row, column))))
-    first, second = (np.concatenate([side[k] for side in sides]) for k in (0, 1))
-    weight = np.concatenate([np.full(len(side[0]), side[2]) for side in sides])
-    count = int(np.count_nonzero(mask))
-    graph = csr_matrix((weight, (first, second)), shape=(count, count))
-    found: FloatArray = dijkstra(graph, directed=False, indices=start)
+    pixels = cKDTree(np.argwhere(mask))
+    steps = pixels.sparse_distance_matrix(pixels, 1.5, output_type="coo_matrix")
+    found: FloatArray = dijkstra(steps.tocsr(), indices=start)
     return np.where(np.isfinite(found), found, 0.0)
 
 
 def _differs(rgb: npt.NDArray[np.uint8], threshold: int) -> Mask:
-    background = np.median(np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]]), axis=0)
+    background = np.median(border(rgb), axis=0)
     return np.asarray(np.abs(rgb - background).max(axis=2) > threshold)
 
 

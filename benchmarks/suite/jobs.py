@@ -111,23 +111,25 @@ def _train(job: TrainingJob, progress: Progress) -> dict[str, Any]:
     dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
 
-    def reporting(steps: int) -> Callable[[int, Mapping[str, float]], None]:
-        return lambda step, figures: progress(step, steps)
-
+    settings: Any
+    train: Any
     if job.trainer == "timecycle":
         from pliant.models.timecycle.settings import TimeCycleSettings
         from pliant.models.timecycle.trainer import train_timecycle
 
-        cycle = settings_from(TimeCycleSettings, values)
-        facts = train_timecycle(
-            dataset, job.run, cycle, resume=resume, progress=reporting(cycle.steps)
-        )
+        settings, train = TimeCycleSettings, train_timecycle
     else:
         from pliant.models.don.settings import DonSettings
         from pliant.models.don.trainer import train_don
 
-        don = settings_from(DonSettings, values)
-        facts = train_don(dataset, job.run, don, resume=resume, progress=reporting(don.steps))
+        settings, train = DonSettings, train_don
+    chosen = settings_from(settings, values)
+
+    def reporting(step: int, figures: Mapping[str, float]) -> None:
+        del figures
+        progress(step, chosen.steps)
+
+    facts = train(dataset, job.run, chosen, resume=resume, progress=reporting)
     return {"steps": facts["steps"], "validation": facts.get("validation", {})}
 
 
