@@ -9,17 +9,17 @@ from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Final
 
-import yaml
-
 from pliant.service.audit import HOST, record
 from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.receipts import write_keys
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
 from pliant.service.versions import add_missing_versions, truth_file
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.staging import refuse_existing
+from pliant.spec.io.yamlfiles import yaml_text
 from pliant.spec.storage import layout
 
 HOST_NAME: Final = "Host"
@@ -91,7 +91,7 @@ def _check_withheld(data: Path, private: Path, splits: AbstractSet[str]) -> None
 
 def write_settings(root: Path, settings: ChallengeSettings) -> None:
     """Write `challenge.yaml`, complete with its defaults."""
-    text = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    text = yaml_text(settings_to_dict(settings))
     (root / CHALLENGE_YAML).write_text(text, encoding="utf-8")
 
 

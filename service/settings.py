@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, model_validator
 
-from pliant.spec.configuration import Settings, settings_from
-from pliant.spec.constraints import Bounds, NotEmpty, OneOf, Refused
+from pliant.spec.configuration import Settings, read_mapping, settings_from
+from pliant.spec.constraints import Bounds, NotEmpty, OneOf, Pattern, Refused
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
-from pliant.spec.io.yamlfiles import read_yaml
-
-
-def _check_name(name: str) -> str:
-    if not re.fullmatch(r"[a-z0-9][a-z0-9-]{0,39}", name):
-        raise Refused("1 to 40 small letters, digits and hyphens, such as test-2027")
-    return name
 
 
 def _in_utc(moment: datetime) -> datetime:
@@ -31,7 +23,12 @@ def _in_utc(moment: datetime) -> datetime:
         raise Refused("a time of the years 1 to 9999 in UTC") from None
 
 
-Name = Annotated[str, AfterValidator(_check_name)]
+Name = Annotated[
+    str,
+    Pattern(
+        "[a-z0-9][a-z0-9-]{0,39}", "1 to 40 small letters, digits and hyphens, such as test-2027"
+    ),
+]
 Moment = Annotated[datetime, AfterValidator(_in_utc)]
 Count = Annotated[int, Bounds(1, 1_000_000)]
 
@@ -151,9 +148,7 @@ def read_challenge_settings(path: Path | None, splits: tuple[str, ...] = ()) -> 
     Raises:
         CallError: It cannot be read, or a setting is refused; every problem is listed.
     """
-    values = (read_yaml(path) or {}) if path is not None else {}
-    if not isinstance(values, dict):
-        raise CallError("the file must be a mapping of settings", path=path)
+    values = {} if path is None else read_mapping(path)
     if splits and "phases" not in values:
         values = {**values, "phases": [{"name": split, "split": split} for split in splits]}
     return settings_from(ChallengeSettings, values, path=path)

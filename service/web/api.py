@@ -131,7 +131,7 @@ def asked_board(
     with site.database.read() as session:
         found = version_of(session, site, phase, version)
         shown = show or site.challenge.settings.phase(found.phase).show
-        key = ("board", found.id, shown)
+        key = f"{found.id} {shown}"
         board = site.cached(session, key, lambda: leaderboard(session, found, shown))
         return AskedBoard(board, found, shown)
 

@@ -195,7 +195,7 @@ def submission(site: TheSite, who: Visitor, number: Number, again: bool = False)
         found = find_submission(session, number, who)
         view = submission_view(session, found, who)
         ways = {each.id: each for each in versions_of(session, found.phase)}
-        again = again and is_own(found, who)
+        again = again and is_own(found.team_id, who)
         return page(site, "submission.html.j2", who, view=view, versions=ways, again=again)
 
 

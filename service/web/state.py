@@ -21,10 +21,12 @@ from pliant.evaluator.report.pages import environment
 from pliant.service.audit import last_entry
 from pliant.service.challenge import Challenge
 from pliant.service.database import Database
+from pliant.service.leaderboard import Board
 from pliant.service.models import Version
 from pliant.service.settings import Phase
 from pliant.service.versions import versions_of
 from pliant.service.web.throttle import Throttle
+from pliant.spec.lru_cache import LRUCache
 
 _MOST_CACHED: Final = 64
 
@@ -71,7 +73,7 @@ class Site:
         self.challenge, self.base_url = challenge, base_url
         self.throttle, self._templates = Throttle(), _templates()
         self.headers = _security_headers(self._templates, self.https)
-        self._cached: dict[Any, tuple[int, Any]] = {}
+        self._boards = LRUCache[Board](_MOST_CACHED)
 
     @property
     def database(self) -> Database:
@@ -99,18 +101,10 @@ class Site:
             title=self.title, settings=self.challenge.settings, **values
         )
 
-    def cached(self, session: Session, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` returned when the log had its present end, or make it."""
+    def cached(self, session: Session, key: str, make: Callable[[], Board]) -> Board:
+        """Return the leaderboard that `make` returned when the log had its present end."""
         last = last_entry(session)
-        seq = last.seq if last is not None else 0
-        found = self._cached.get(key)
-        if found is not None and found[0] == seq:
-            return found[1]
-        made = make()
-        if len(self._cached) >= _MOST_CACHED:
-            self._cached.clear()
-        self._cached[key] = (seq, made)
-        return made
+        return self._boards.get(f"{key} {last.seq if last else 0}", make)
 
 
 def default_phase(phases: tuple[Phase, ...], time_ms: int) -> Phase:

@@ -72,13 +72,9 @@ class BoardView(BaseModel):
     controls: list[Row]
 
 
-def is_own(submission: Submission, who: Identity | None) -> bool:
-    """Return whether a submission is of somebody's own team; the host has every team's."""
-    return _is_own_team(submission.team_id, who)
-
-
-def _is_own_team(number: int, who: Identity | None) -> bool:
-    return who is not None and (who.is_host or who.team_id == number)
+def is_own(team_id: int, who: Identity | None) -> bool:
+    """Return whether somebody is of a team; the host is of every team."""
+    return who is not None and (who.is_host or who.team_id == team_id)
 
 
 def find_team(session: Session, number: int, who: Identity | None) -> Team:
@@ -93,7 +89,7 @@ def find_team(session: Session, number: int, who: Identity | None) -> Team:
         Submission.state == State.SCORED,
         Submission.withdrawn_ms.is_(None),
     )
-    if found is None or not (_is_own_team(number, who) or session.scalar(public.limit(1))):
+    if found is None or not (is_own(number, who) or session.scalar(public.limit(1))):
         raise NotAcceptedError("NOT_FOUND", 404, "no such team")
     return found
 
@@ -109,7 +105,7 @@ def find_submission(
     found = session.get(Submission, number)
     if found is not None:
         shown = public and found.state == State.SCORED and found.withdrawn_ms is None
-        if shown or is_own(found, who):
+        if shown or is_own(found.team_id, who):
             return found
     raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
 
@@ -133,7 +129,7 @@ def submission_view(
         check_only=submission.check_only,
         queue_position=queue_position(session, submission),
         method=submission.method,
-        file_name=submission.file_name if is_own(submission, who) else None,
+        file_name=submission.file_name if is_own(submission.team_id, who) else None,
         file_sha256=submission.file_sha256,
         file_bytes=submission.file_bytes,
         submitted_ms=submission.created_ms,
