@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 
 from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher, Pair
 from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.baselines.methods import local_feature
+from pliant.spec.errors import MissingExtraError
 from tests.baselines.cards import CARD_QUERIES, Motion, Similarity, card_view
 from tests.known import known
 
@@ -130,6 +133,14 @@ def test_heat_peaks_at_the_answer(name: str) -> None:
     assert matcher.answer(Pair(source, target, query)).uv_px.tolist() == [[u + 0.5, v + 0.5]]
     np.testing.assert_array_equal(np.isfinite(heat.values), known(target.mask))
     assert 0.1 < heat.confidence <= 1
+
+
+def test_a_missing_library_of_surf_is_said_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("mahotas", "mahotas.features"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'pliant\[classical\]'") as caught:
+        local_feature("surf")
+    assert caught.value.exit_code == 2
 
 
 def test_every_method_is_documented() -> None:

@@ -40,10 +40,10 @@ def tracks(height: int = HEIGHT, width: int = WIDTH) -> dict[str, Any]:
     }
 
 
-def jpeg(width: int) -> bytes:
+def jpeg(image: Any) -> bytes:
     """A picture as the bytes of a JPEG."""
     buffer = io.BytesIO()
-    Image.new("RGB", (width, HEIGHT)).save(buffer, "JPEG")
+    Image.fromarray(image).save(buffer, "JPEG")
     return buffer.getvalue()
 
 
@@ -97,11 +97,7 @@ def test_the_code_of_the_page_converts_a_pickle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Raw and encoded frames, as TAP-Vid's files have them; the code is that of the page."""
-    encoded = []
-    for image in tracks()["video"]:
-        buffer = io.BytesIO()
-        Image.fromarray(image).save(buffer, "JPEG")
-        encoded.append(buffer.getvalue())
+    encoded = [jpeg(image) for image in tracks()["video"]]
     pickled = {"goat": tracks(), "jpeg": {**tracks(), "video": encoded}}
     (tmp_path / "tracks.pkl").write_bytes(pickle.dumps(pickled))
     monkeypatch.chdir(tmp_path)
@@ -168,7 +164,10 @@ BROKEN_TRACKS: dict[str, tuple[dict[str, Any], str]] = {
     "floats": ({"video": tracks()["video"].astype(float)}, "a frame is not a colour image"),
     "no picture": ({"video": np.array([b"no picture"] * 3)}, "a frame cannot be read"),
     "nowhere": ({"points": tracks()["points"] * np.nan}, "a visible point has no position"),
-    "sizes": ({"video": np.array([jpeg(40), jpeg(40), jpeg(38)])}, "frame 2: the frames of a clip"),
+    "sizes": (
+        {"video": np.array([jpeg(tracks()["video"][0][:, :width]) for width in (40, 40, 38)])},
+        "frame 2: the frames of a clip",
+    ),
     "complex": ({"points": tracks()["points"] * 1j}, "these are not numbers; found complex"),
     "hidden how": ({"occluded": tracks()["occluded"] * 2}, "neither visible nor occluded; found 2"),
     "text": ({"points": np.array(["x"])}, "these are not numbers"),

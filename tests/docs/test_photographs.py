@@ -21,6 +21,7 @@ from pliant.viewer.annotation import Annotation, Suggester
 from pliant.viewer.explorer.recorded import SplitQueries
 from tests.browser import Browser
 from tests.viewer.serving import served
+from tests.viewer.test_annotate import click_picture
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "photographs.md"
 SIZES = [(240, 180), (180, 240), (160, 120), (250, 150), (200, 200), (220, 165)]
@@ -100,18 +101,12 @@ def click_points(folder: Path, browser: Browser) -> None:
         for number, size in enumerate(SIZES):
             browser.wait("image(at).complete")
             for place in POINTS.values():
-                click(browser, *rope_at(size, number, place))
+                click_picture(browser, *rope_at(size, number, place))
             if number == 0:
                 browser.keys("h")
             browser.keys("n")
         marks = len(SIZES) * len(POINTS)
         browser.wait(f"$('said').textContent.includes('{marks} marks saved')")
-
-
-def click(browser: Browser, u: float, v: float) -> None:
-    script = "const b = view.getBoundingClientRect(); return [b.left + left, b.top + top_, zoom]"
-    x, y, zoom = browser.run(script)
-    browser.click(x + u * zoom, y + v * zoom)
 
 
 BAD_INPUTS: dict[str, tuple[str, str]] = {

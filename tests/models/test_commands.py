@@ -1,37 +1,12 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.parquet import read_footer
 from tests.conftest import Called
 from tests.models.tiny_runs import DON, options
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("quick_tracing")
-def test_train_predict_and_check(tiny_dataset: Path, tmp_path: Path, called: Called) -> None:
-    """The whole way: what a run answers passes the submission check, and says how it came about."""
-    out, submission = tmp_path / "run", tmp_path / "sub.parquet"
-    changes = options(*DON, "steps=2", "tier=rope")
-    _, said, _ = called("train", "don", "--data", tiny_dataset, "--out", out, "--json", *changes)
-    report = json.loads(said)
-    assert report["steps"] == 2
-    assert report["tier"] == "rope"
-    assert report["validation"]["rmse_px"] > 0
-
-    data = ("--data", tiny_dataset)
-    assert called("predict", out, *data, "--out", submission, "--split", "val")[0] == 0
-    assert called("check", submission, *data)[0] == 0
-    method = read_footer(submission)["method"]
-    assert method["name"] == "don"
-    assert method["answer"]["decode"] == "trace"
-    assert method["answer"]["search"] == "mask"
-    assert method["mask"] == "given"
-    assert method["steps"] == 2
 
 
 def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path, called: Called) -> None:

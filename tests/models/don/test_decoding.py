@@ -75,10 +75,3 @@ def test_the_blur_of_the_target_comes_off() -> None:
     # Squared, a deviation of 2 px becomes 4 and one of half a pixel a quarter.
     apart = Widths(0.0, 1.0, 0.0, 2.0).of(torch.tensor([4.0, 0.25]))
     assert apart.tolist() == pytest.approx([4.0, 0.25], rel=1e-6)
-
-
-def test_weights_sum_to_one_and_sigmas_are_positive() -> None:
-    log_p = torch.randn(50, 60, generator=torch.Generator().manual_seed(0)).log_softmax(dim=1)
-    modes, used = mixture_of_modes(log_p, GRID, Widths(0.3))
-    torch.testing.assert_close((modes[..., 3] * used).sum(dim=1), torch.ones(50))
-    assert (modes[..., 2][used] >= 0.3).all()

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from pliant.models.don.loading import load_matcher
-from pliant.models.don.settings import DonSettings
+from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.training.checkpoint import latest_checkpoint, read_weights_file
 from pliant.models.training.optimiser import learning_rate
@@ -110,20 +110,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
     assert matcher.familiarity is not None
     described = matcher.describe()
     assert described["tier"] == "sheet"
-    assert described["answer"] == {
-        "decode": "median",
-        "search": "mask",
-        "rotations": 1,
-        "mirrored": False,
-        "rectify": False,
-        "crossings": False,
-        "margin_px": 0,
-        "distribution": "modes",
-        "fill": [0.54, 0.74],
-        "blank_square": "no",
-        "one_side": False,
-        "plain_table": False,
-    }
+    assert described["answer"] == settings_to_dict(AnswerSettings(decode="median"))
     json.dumps(described)
     assert facts["validation"]["rmse_px"] > 0
     # The config that was stored is the one that ran, its tier named.

@@ -13,9 +13,6 @@ from pliant.baselines.matcher import SplitMatcher
 from pliant.loaders.views import surface_points
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from tests.known import known
-from tests.models.don.test_segmentation import overlap
-from tests.models.shipped_models import shipped_don
 
 FRAMES = 20
 
@@ -52,17 +49,6 @@ def test_pairs_are_answered_as_by_the_network(tiny_episode: Path) -> None:
         assert not isinstance(matcher, SplitMatcher)
         found.append(matcher.answer(pair).uv_px)
     np.testing.assert_array_equal(found[0], found[1])
-
-
-def test_a_cloth_without_masks_is_found_by_its_own_network(rendered_dataset: Path) -> None:
-    dataset = Dataset.open(rendered_dataset)
-    sequence = next(each for each in dataset.sequences if each.tier == "cloth-1")
-    matcher = shipped_don("don-cloth")
-    for number in range(3):
-        frame = sequence[number]
-        found = known(matcher.reader.masked(frame.without_masks()).mask)
-        assert overlap(found, known(frame.mask)) > 0.8
-        assert matcher.reader.masked(frame) is frame
 
 
 def test_only_networks_with_descriptors_carry_points() -> None:
