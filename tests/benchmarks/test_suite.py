@@ -28,6 +28,7 @@ from pliant.cli.main import cli, run
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.parquet import read_footer
 from tests.benchmarks.jobs_here import Recorder, generate_here, jobs_here
+from tests.known import known
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -176,11 +177,9 @@ def test_controls_compete_with_what_is_not_learned(made: Made) -> None:
         ("rope", "none"), ("rope", "none"), ("rope-image", "none"),
         ("rope", "given"), ("rope", "given"), ("rope-seeds", "given"),
     ]  # fmt: skip
-    row = best(found[2], "standard", "rmse_px", learned=False)
-    assert row is not None
+    row = known(best(found[2], "standard", "rmse_px", learned=False))
     assert row.method == "centroid"
-    learned = best(found[3], "standard", "rmse_px", learned=True)
-    assert learned is not None
+    learned = known(best(found[3], "standard", "rmse_px", learned=True))
     assert not learned.entry.is_blank
 
 

@@ -28,6 +28,7 @@ from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 from pliant.spec.point_mesh import PosedMesh
 from tests.conftest import Called
+from tests.known import known
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +99,7 @@ def test_coco(sample: Dataset, tmp_path: Path) -> None:
         each for each in opened.imgs.values() if each["file_name"] == "rope-val-000000-000001.png"
     )
     (annotation,) = opened.loadAnns(opened.getAnnIds(image["id"]))
-    mask = frame.mask
-    assert mask is not None
+    mask = known(frame.mask)
     assert (opened.annToMask(annotation) == mask).all()
     assert annotation["area"] == mask.sum()
     few = Recording.of(frame.sequence, 40)
@@ -120,8 +120,7 @@ def test_webdataset(sample: Dataset, recording: Recording, tmp_path: Path) -> No
     first = next(iter(stream.decode("pil")))
     frame = sample.frame("rope-train-000000", 0)
     assert (np.asarray(first["rgb.png"]) == frame.rgb).all()
-    assert frame.camera is not None
-    assert first["camera.json"]["K"] == frame.camera.K.tolist()
+    assert first["camera.json"]["K"] == known(frame.camera).K.tolist()
     points = first["points.npz"]
     points = points if isinstance(points, dict) else np.load(io.BytesIO(points))
     assert (points["uv_px"] == recording.uv_px[0]).all()
@@ -142,8 +141,7 @@ def test_rerun(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
     depth = opened.view(index="frame", contents="/world/camera/image/depth").select().read_all()
     name = next(each for each in depth.column_names if "buffer" in each.lower())
     blob = np.array(depth[name][0].as_py()[0], np.uint8).tobytes()
-    surface = sample.frame("rope-train-000000", 0).surface
-    assert surface is not None
+    surface = known(sample.frame("rope-train-000000", 0).surface)
     seen = np.isfinite(surface.depth_m)
     found = np.frombuffer(blob, np.float32).reshape(surface.depth_m.shape)
     assert (found[seen] == surface.depth_m[seen]).all()
@@ -192,9 +190,8 @@ def test_lerobot(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
     )
     row = opened[1]
     frame = sample.frame("rope-train-000000", 1)
-    assert frame.surface is not None
     assert (np.asarray(row[RGB]) == frame.rgb).all()
-    assert (np.asarray(row[DEPTH]) == frame.surface.depth_m).all()  # with +inf: without loss
+    assert (np.asarray(row[DEPTH]) == known(frame.surface).depth_m).all()  # with +inf: without loss
     assert (np.array(row[TRACKS], np.float32) == few.uv_px[1]).all()
     assert [row["episode_index"], row["frame_index"], row["index"]] == [0, 1, 1]
     episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()

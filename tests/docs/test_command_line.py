@@ -11,6 +11,7 @@ import click
 import pytest
 
 from pliant.cli.main import SECTIONS, cli
+from tests.known import known
 
 pytest.importorskip("mkdocs", reason="needs the extra 'docs'")
 HOOK = Path(__file__).resolve().parents[2] / "docs" / "command_line.py"
@@ -22,8 +23,7 @@ def commands(command: click.Command, path: str) -> Iterator[tuple[str, click.Com
     if isinstance(command, click.Group):
         context = click.Context(command, info_name=path)
         for name in command.list_commands(context):
-            found = command.get_command(context, name)
-            assert found is not None
+            found = known(command.get_command(context, name))
             yield from commands(found, f"{path} {name}")
 
 

@@ -13,6 +13,7 @@ from pliant.baselines.views import read_frame
 from pliant.spec.errors import PliantError
 from pliant.spec.io.photo import read_mask, read_photo
 from pliant.viewer.photo_views import PhotoFiles, object_on_one_colour, read_photo_view
+from tests.known import known
 
 
 def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
@@ -55,8 +56,7 @@ def test_masks(tmp_path: Path) -> None:
     drawn[2:4, 3] = (10, 11)  # 10 is still black
     Image.fromarray(drawn).save(tmp_path / "mask.png")
     view = read_frame(tmp_path / "picture.png", tmp_path / "mask.png")
-    assert view.mask is not None
-    assert np.argwhere(view.mask).tolist() == [[3, 3]]
+    assert np.argwhere(known(view.mask)).tolist() == [[3, 3]]
     Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
     with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
@@ -133,8 +133,7 @@ def test_masks_of_labels(dtype: Any, tmp_path: Path) -> None:
     labels[2:4, 3] = (1, 2 if dtype != np.bool_ else 1)
     Image.fromarray(labels).save(tmp_path / "labels.tif")
     view = read_frame(tmp_path / "picture.png", tmp_path / "labels.tif")
-    assert view.mask is not None
-    assert np.argwhere(view.mask).tolist() == [[2, 3], [3, 3]]
+    assert np.argwhere(known(view.mask)).tolist() == [[2, 3], [3, 3]]
     Image.new("RGB", (9, 6), (2, 2, 2)).save(tmp_path / "dark.png")  # a picture, not labels
     with pytest.raises(PliantError, match="black everywhere"):
         read_frame(tmp_path / "picture.png", tmp_path / "dark.png")
@@ -158,19 +157,16 @@ def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_
     path = tmp_path / "rope.jpg"
     Image.fromarray(rgb).save(path, quality=95)
     photo = read_photo_view(PhotoFiles(path), asked_px=[(150.5, 60.5 + 20 * np.sin(5))])
-    assert photo.view.mask is not None
-    assert photo.view.objects is not None
-    assert np.mean(photo.view.objects != (strand | ball)) < 0.02
-    assert (photo.view.mask & strand).sum() > 0.97 * strand.sum()
-    assert (photo.view.mask & ball).sum() < 0.1 * ball.sum()
+    rope = known(photo.view.mask)
+    assert np.mean(known(photo.view.objects) != (strand | ball)) < 0.02
+    assert (rope & strand).sum() > 0.97 * strand.sum()
+    assert (rope & ball).sum() < 0.1 * ball.sum()
     assert ["one colour" in photo.notes[0], "ball" in photo.notes[1]] == [True, True]
     bare, _, disc = rope_on(colour)
     bare[disc] = colour
     Image.fromarray(bare).save(tmp_path / "bare.png")
-    known = read_photo_view(PhotoFiles(tmp_path / "bare.png")).view
-    assert known.mask is not None
-    assert known.objects is not None
-    np.testing.assert_array_equal(known.objects, known.mask)  # the rope is the only object
+    alone = read_photo_view(PhotoFiles(tmp_path / "bare.png")).view
+    np.testing.assert_array_equal(known(alone.objects), known(alone.mask))  # only the rope
     missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
     assert missed.mask is None  # what is asked about is no part of it
 
@@ -185,13 +181,11 @@ def test_the_background_in_a_loop_is_no_object(quality: int, tmp_path: Path) -> 
     rgb[rope] = (60, 90, 200)
     path = tmp_path / "loop.jpg"
     Image.fromarray(rgb).save(path, quality=quality)
-    found = object_on_one_colour(np.asarray(Image.open(path)))
-    assert found is not None
+    found = known(object_on_one_colour(np.asarray(Image.open(path))))
     assert (found & (away < 20)).sum() < 0.01 * found.sum()
     rgb[away < 3 * 6] = (60, 90, 200)
     rgb[away < 2 * 6] = (245, 245, 245)  # a bright place in the middle of a disc
-    whole = object_on_one_colour(rgb)
-    assert whole is not None
+    whole = known(object_on_one_colour(rgb))
     assert whole[away < 2 * 6].all()
 
 
@@ -213,10 +207,8 @@ def test_depth_reaches_the_method(tmp_path: Path) -> None:
     Image.fromarray(depth_mm).save(tmp_path / "depth.png")
     view = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png", max_side=20)
     assert view.rgb.shape == (10, 20, 3)
-    assert view.depth_m is not None
-    assert (view.depth_m == 1.25).all()  # every second row: the first one is left out
-    whole = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m
-    assert whole is not None
+    assert (known(view.depth_m) == 1.25).all()  # every second row: the first one is left out
+    whole = known(read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m)
     assert np.isinf(whole[0]).all()
     Image.new("L", (40, 20), 3).save(tmp_path / "eight.png")
     with pytest.raises(PliantError, match="depth of 8 bits has no unit"):

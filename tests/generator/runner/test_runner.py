@@ -13,6 +13,7 @@ from pliant.generator.runner.plan import first_damage
 from pliant.generator.runner.run import generate
 from pliant.spec.errors import CallError, GenerationError
 from tests.generator.runner.standin import digests, make, small_config
+from tests.known import known
 
 
 def test_a_finished_set_is_left_alone(tmp_path):
@@ -208,6 +209,5 @@ def test_sizes_are_compared_before_any_file_is_read(monkeypatch, tmp_path):
     last = json.loads((folder / "sequence.json").read_text())["files"][-1]["path"]
     truncate(folder / last)
     monkeypatch.setattr("pliant.generator.runner.plan.sha256_file", lambda path: 1 / 0)
-    damage = first_damage(folder)
-    assert damage is not None
+    damage = known(first_damage(folder))
     assert f"{last} has" in damage

@@ -14,6 +14,7 @@ from pliant.spec.secrets import SECRET_SEED_FILE, read_secret_seed, seed_weaknes
 from pliant.spec.validation.validate import validate
 from tests.generator.runner.standin import InProcess, digests
 from tests.generator.world import small
+from tests.known import known
 
 
 @pytest.fixture
@@ -24,8 +25,7 @@ def config() -> GenerateConfig:
 def test_a_secret_seed_is_in_no_file_but_its_own(config, tmp_path, capfd):
     out = tmp_path / "set"
     generate(config, out)
-    seed = read_secret_seed(out)
-    assert seed is not None
+    seed = known(read_secret_seed(out))
     forms = [str(seed).encode(), f"{seed:x}".encode(), f"{seed:X}".encode()]
     forms += [seed.to_bytes(16, order) for order in ("big", "little")]
     files = [path for path in out.rglob("*") if path.is_file()]

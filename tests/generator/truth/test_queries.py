@@ -19,6 +19,7 @@ from pliant.generator.truth.query_sampling import (
 )
 from pliant.spec.dataset import Dataset
 from tests.generator.runner.standin import make
+from tests.known import known
 
 TASK = SequenceTask("rope", "test", 0)
 ASKED = ("visible", "surface")
@@ -43,8 +44,7 @@ def test_rows_of_a_pair_by_hand():
     partners = np.array([[3], [2], [1], [0]])
     # Point 3 is hidden in frame A: two queries are left.
     chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0, 1, 3]), 10)
-    asked = pair_tables(7, *FRAMES, chosen, (seen, seen), partners)
-    assert asked is not None
+    asked = known(pair_tables(7, *FRAMES, chosen, (seen, seen), partners))
     queries, truth = asked
     assert queries["pair_id"].to_pylist() == truth["pair_id"].to_pylist() == [7, 7]
     assert queries["query_id"].to_pylist() == truth["query_id"].to_pylist() == [0, 1]

@@ -19,6 +19,7 @@ from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.layers import error_colours, frame_layer, heat_png, method_layer
 from pliant.viewer.explorer.opening import open_explorer
+from tests.known import known
 
 Submit = Callable[[Path, float], Path]
 
@@ -32,8 +33,7 @@ def pair_of(explorer: Explorer, tier: str) -> QueryPair:
 def test_a_recorded_answer_is_that_of_the_nearest_query(explorer: Explorer) -> None:
     pair = explorer.queries.splits["test"].pairs[0]
     truth = explorer.dataset.truth("test")
-    found = explorer.methods[1].answer(pair.at(pair.uv_a_px[4] + [0.02, -0.02]))
-    assert found is not None
+    found = known(explorer.methods[1].answer(pair.at(pair.uv_a_px[4] + [0.02, -0.02])))
     np.testing.assert_allclose(found.point.uv_a_px, pair.uv_a_px[4], atol=1e-5)
     expected = [truth["u_b"][4].as_py() + 5, truth["v_b"][4].as_py()]
     np.testing.assert_allclose(found.point.uv_b_px, expected, atol=1e-3)
@@ -72,24 +72,19 @@ def test_the_error_map_has_the_colour_of_the_error(explorer: Explorer) -> None:
     """A frame against itself: the live method is 6 px off everywhere."""
     frame = explorer.dataset.frames("test", "cloth-1")[0]
     pair = RecordedPair(frame, frame, np.zeros((0, 2), np.float32))
-    rgb = method_layer(explorer.truth, explorer.methods[0], pair, "error", of_target=False)
-    assert rgb is not None
-    assert frame.mask is not None
-    colours, counts = np.unique(rgb[frame.mask], axis=0, return_counts=True)
+    rgb = known(method_layer(explorer.truth, explorer.methods[0], pair, "error", of_target=False))
+    colours, counts = np.unique(rgb[known(frame.mask)], axis=0, return_counts=True)
     np.testing.assert_array_equal(colours[counts.argmax()], error_colours(np.array([6.0]))[0])
     assert counts.max() > 0.98 * counts.sum()  # the rest is not found in its own frame: grey
 
 
 def test_layers_show_the_object(explorer: Explorer) -> None:
     frame = explorer.dataset.frames("test", "rope")[0]
-    assert frame.mask is not None
     for layer in ("depth", "index", "mask"):
-        rgb = frame_layer(frame, layer)
-        assert rgb is not None
+        rgb = known(frame_layer(frame, layer))
         assert rgb.shape == (120, 160, 3)
-        assert rgb[frame.mask].mean() > 3 * rgb[frame.object_ids == 0].mean()
-    rgb = frame_layer(frame, "rgb")
-    assert rgb is not None
+        assert rgb[known(frame.mask)].mean() > 3 * rgb[frame.object_ids == 0].mean()
+    rgb = known(frame_layer(frame, "rgb"))
     np.testing.assert_array_equal(rgb, frame.rgb)
 
 
@@ -111,16 +106,12 @@ def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
     pytest.importorskip("torch")
     explorer = open_explorer(Dataset.open(tiny_dataset), ["don-rope"], open_method)
     pair = pair_of(explorer, "rope")
-    answer = explorer.methods[0].answer(pair)
-    assert answer is not None
-    assert answer.point.heat is not None
-    assert answer.point.heat.values.shape == (120, 160)
+    answer = known(explorer.methods[0].answer(pair))
+    assert known(answer.point.heat).values.shape == (120, 160)
     assert answer.material is not None
     assert list(answer.material) == ["s", "theta"]
     assert 0 <= answer.material["s"] <= 1
     for layer in ("descriptors", "canonical"):
-        rgb = method_layer(explorer.truth, explorer.methods[0], pair, layer, of_target=True)
-        assert rgb is not None
-        mask = pair.target.mask
-        assert mask is not None
+        rgb = known(method_layer(explorer.truth, explorer.methods[0], pair, layer, of_target=True))
+        mask = known(pair.target.mask)
         assert len(np.unique(rgb[mask], axis=0)) > 20

@@ -10,6 +10,7 @@ import pytest
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.pair_page import pair_section
 from tests.browser import Browser
+from tests.known import known
 from tests.viewer.explorer.test_page import CELLS, LOADED, PLACES
 
 
@@ -35,8 +36,7 @@ def test_a_file_shows_truth_and_recorded_answers_at_the_pointer(
     browser.hover(left + (u + 1) * zoom, top + v * zoom)  # near the query: its answer
     browser.wait(f"{CELLS}[1].children[3].textContent === '5.0'")
     assert "<5 px off>" in browser.run(f"return {CELLS}[1].textContent")
-    true_px = explorer.queries.splits["test"].uv_b_px
-    assert true_px is not None
+    true_px = known(explorer.queries.splits["test"].uv_b_px)
     x, y = true_px[3].tolist()
     shown = browser.run(f"return {CELLS}[0].children[2].textContent").split(", ")
     assert [float(each) for each in shown] == pytest.approx([x, y], abs=1.5)

@@ -16,6 +16,7 @@ from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameCache
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import Truth, TruthFinder
+from tests.known import known
 
 
 def pair_of(source: RecordedFrame, target: RecordedFrame) -> RecordedPair:
@@ -24,17 +25,14 @@ def pair_of(source: RecordedFrame, target: RecordedFrame) -> RecordedPair:
 
 def truth_at(truth: TruthFinder, pair: RecordedPair) -> tuple[Truth, FloatArray]:
     """Return what is known of a pixel, and the place in the target."""
-    found = truth.find(pair)
-    assert found is not None
-    assert found.uv_b_px is not None
-    return found, found.uv_b_px
+    found = known(truth.find(pair))
+    return found, known(found.uv_b_px)
 
 
 @pytest.mark.parametrize("tier", ["rope", "cloth-3"])
 def test_a_frame_is_its_own_truth(explorer: Explorer, tier: str) -> None:
     frame = explorer.dataset.frames("test", tier)[0]
-    mask = frame.mask
-    assert mask is not None
+    mask = known(frame.mask)
     rows, columns = np.nonzero(mask)
     exact = 0
     for k in np.linspace(0, len(rows) - 1, 25).astype(int):
@@ -45,9 +43,7 @@ def test_a_frame_is_its_own_truth(explorer: Explorer, tier: str) -> None:
         atol = 1e-3 if found.origin == "surface" else 1.0
         np.testing.assert_allclose(place, found.uv_a_px, atol=atol)
         assert found.visibility == "visible"
-        assert found.xyz_a_m is not None
-        assert found.xyz_b_m is not None
-        np.testing.assert_allclose(found.xyz_b_m, found.xyz_a_m)
+        np.testing.assert_allclose(known(found.xyz_b_m), known(found.xyz_a_m))
         exact += found.origin == "surface"
     assert exact >= 22
 
@@ -56,18 +52,16 @@ def test_it_agrees_with_the_queries(explorer: Explorer) -> None:
     """A query is within its pixel, so the truth of the pixel's centre is near the query's truth."""
     errors, agreed, hidden = [], [], 0
     queries = explorer.queries.splits["test"]
-    assert queries.uv_b_px is not None
-    assert queries.visibility is not None
     for number, pair in enumerate(queries.pairs):
         for row in range(queries.starts[number], queries.starts[number + 1]):
             found = explorer.truth.find(pair.at(queries.uv_a_px[row]))
             if found is None:  # the centre of the query's pixel is beyond the silhouette
                 continue
-            seen = queries.visibility[row] == "visible"
+            seen = known(queries.visibility)[row] == "visible"
             agreed.append((found.visibility == "visible") == seen)
             hidden += not seen
             if found.uv_b_px is not None:
-                errors.append(np.linalg.norm(found.uv_b_px - queries.uv_b_px[row]))
+                errors.append(np.linalg.norm(found.uv_b_px - known(queries.uv_b_px)[row]))
     assert len(errors) > 100
     assert hidden > 10
     assert np.median(errors) < 1.0
@@ -78,8 +72,7 @@ def test_it_agrees_with_the_queries(explorer: Explorer) -> None:
 def test_the_background_has_no_truth(explorer: Explorer) -> None:
     frame = explorer.dataset.frames("test", "rope")[0]
     pair = pair_of(frame, frame)
-    assert frame.mask is not None
-    row, column = np.argwhere(~frame.mask)[0]
+    row, column = np.argwhere(~known(frame.mask))[0]
     for place in ((column + 0.5, row + 0.5), (-5.0, 3.0), (3.0, 1e6)):
         assert explorer.truth.find(pair.at(place)) is None
 
