@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import struct
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.png import PNG_SIGNATURE, png_chunks
 from pliant.spec.tables import SEQUENCES
 
 PROTOCOL: Final = "standard"
@@ -25,7 +25,6 @@ PROTOCOL: Final = "standard"
 MAX_SUBMISSIONS: Final = 100
 """Submissions that a challenge allows a team unless it says otherwise."""
 
-_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _PICTURE_CHUNKS: Final = frozenset({b"IHDR", b"sRGB", b"gAMA", b"cHRM", b"IDAT", b"IEND"})
 
 
@@ -115,18 +114,12 @@ def picture_alone(data: bytes, name: str) -> bytes:
     Raises:
         SpecError: It is not a PNG, or ends in the middle.
     """
-    if data[:8] != _SIGNATURE:
+    if not data.startswith(PNG_SIGNATURE):
         raise SpecError("this is not a PNG file", path=name)
-    kept, at = [_SIGNATURE], 8
-    while at + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, at)
-        kind, end = data[at + 4 : at + 8], at + 12 + length
-        if kind in _PICTURE_CHUNKS:
-            kept.append(data[at:end])
-        at = end
-        if kind == b"IEND":
-            return b"".join(kept)
-    raise SpecError("the PNG ends in the middle", path=name)
+    parts = [(kind, data[start:end]) for kind, start, end in png_chunks(data)]
+    if not parts or parts[-1][0] != b"IEND":
+        raise SpecError("the PNG ends in the middle", path=name)
+    return PNG_SIGNATURE + b"".join(part for kind, part in parts if kind in _PICTURE_CHUNKS)
 
 
 def listed(files: Mapping[str, bytes]) -> list[dict[str, Any]]:

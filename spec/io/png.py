@@ -6,6 +6,7 @@ import io
 import struct
 import warnings
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from PIL import Image
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP_FILTER = 2
 _HEADER_BYTES = 33
 _GREY, _RGB = 0, 2
@@ -71,7 +72,7 @@ def _write(path: Path | str, pixels: npt.NDArray[np.uint8], colour_type: int, le
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     header = struct.pack(">IIBBBBB", width, height, 8, colour_type, 0, 0, 0)
     with open(path, "wb") as stream:
-        stream.write(_SIGNATURE)
+        stream.write(PNG_SIGNATURE)
         for kind, payload in (
             (b"IHDR", header),
             *([(b"sRGB", b"\x00")] if colour_type == _RGB else []),
@@ -93,7 +94,7 @@ def png_size(head: bytes, path: AnyFile, colour_type: int = _RGB) -> tuple[int, 
     Raises:
         FileRefusedError: No PNG, or not 8-bit of this type without interlacing, or too large.
     """
-    if len(head) < _HEADER_BYTES or head[:8] != _SIGNATURE or head[12:16] != b"IHDR":
+    if len(head) < _HEADER_BYTES or head[:8] != PNG_SIGNATURE or head[12:16] != b"IHDR":
         raise FileRefusedError("FILE_UNREADABLE", "this is not a PNG file", path=path)
     width, height, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", head[16:29])
     if (depth, colour, interlace) != (8, colour_type, 0):
@@ -109,21 +110,29 @@ def png_size(head: bytes, path: AnyFile, colour_type: int = _RGB) -> tuple[int, 
     return width, height
 
 
+def png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Yield the kind of each chunk of a PNG file, and its first byte and the one after its last.
+
+    The walk ends with the IEND chunk, or where the file has none, at its end.
+    """
+    at, kind = len(PNG_SIGNATURE), b""
+    while at + 12 <= len(data) and kind != b"IEND":
+        start, kind = at, data[at + 4 : at + 8]
+        at += int.from_bytes(data[at : at + 4], "big") + 12
+        yield kind, start, at
+
+
 def png_remarks(data: bytes) -> list[str]:
     """Return what other readers may understand in another way: colour chunks, a missing end.
 
     Args:
         data: A PNG file that can be decoded.
     """
-    kinds: set[bytes] = set()
-    at = len(_SIGNATURE)
-    while at + 8 <= len(data) and b"IEND" not in kinds:
-        kinds.add(data[at + 4 : at + 8])
-        at += int.from_bytes(data[at : at + 4], "big") + 12
-    found = [text for kind, text in _REMARKS.items() if kind in kinds]
-    if b"IEND" not in kinds:
+    ends = {kind: end for kind, _, end in png_chunks(data)}
+    found = [text for kind, text in _REMARKS.items() if kind in ends]
+    if b"IEND" not in ends:
         found.append("it has no IEND chunk: truncated?")
-    elif at != len(data):
+    elif ends[b"IEND"] != len(data):
         found.append("bytes follow its IEND chunk")
     return found
 
