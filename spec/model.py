@@ -198,17 +198,6 @@ class Tier:
         """The object that queries are on."""
         return self.object(self.queried_object)
 
-    def orbit(self, material: FloatArray) -> FloatArray:
-        """Return every material point that looks the same as the given ones.
-
-        Args:
-            material: float64 (N, 2).
-
-        Returns:
-            float64 (N, 1 + S, 2): the points themselves, then their S images in the tier's order.
-        """
-        return np.stack([material, *(each.apply(material) for each in self.symmetries)], axis=1)
-
 
 def _material_object(entry: Mapping[str, Any]) -> MaterialObject:
     first, second = map(_coordinate, entry["material"])

@@ -4,7 +4,7 @@ import numpy as np
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface
-from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
+from pliant.spec.model import MaterialCoordinate, MaterialObject
 from pliant.spec.surface_search import SurfaceSearch
 from tests.loaders.sheet_dataset import sheet_map
 
@@ -43,22 +43,8 @@ def test_an_unseen_object_gives_nothing() -> None:
     assert found.tolist() == [False]
 
 
-LENGTH = MaterialCoordinate("s", 0.0, 1.0, 1.2)
-ANGLE = MaterialCoordinate("theta", -np.pi, np.pi, 0.01, 2 * np.pi)
-REVERSAL = Symmetry("reversal", ((-1, 0), (0, -1)), (1, 0))
-ROPE = Tier("rope", "rope", "plain", 1, (MaterialObject(1, "rope", (LENGTH, ANGLE)),), (REVERSAL,))
 SIDE = MaterialCoordinate("u", 0.0, 1.0, 1.0)
 SHEET = MaterialObject(1, "sheet", (SIDE, SIDE))
-
-
-def test_angles_wrap_and_units_are_metres() -> None:
-    steps = ROPE.queried.steps_m(np.array([[0.5, 6.0], [-0.25, -3.0]]))
-    np.testing.assert_allclose(steps, [[0.6, (6.0 - 2 * np.pi) * 0.01], [-0.3, -0.03]])
-
-
-def test_orbit_lists_the_point_and_then_its_partners() -> None:
-    orbit = ROPE.orbit(np.array([[0.2, 0.5]]))
-    np.testing.assert_allclose(orbit, [[[0.2, 0.5], [0.8, -0.5]]])
 
 
 def test_a_fold_is_not_bridged() -> None:
