@@ -7,9 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.feather
 import pyarrow.parquet as pq
 
 from tests.evaluator.hostile_tables import Build, case
@@ -99,8 +96,6 @@ for _name, _data in {
     "four bytes": b"PAR1",
     "magic numbers alone": b"PAR1" + b"\0" * 100 + b"PAR1",
     "a footer longer than the file": b"PAR1" + b"\0" * 50 + b"\xff\xff\xff\x7fPAR1",
-    "text": b"pair_id,query_id,u,v\n0,0,1,2\n",
-    "a PNG": b"\x89PNG\r\n\x1a\n" + b"\0" * 200,
     "a pickle": b"\x80\x04\x95\x10\x00\x00\x00",
     "an encrypted Parquet": b"PARE" + b"\0" * 100 + b"PARE",
 }.items():
@@ -114,16 +109,6 @@ case("a link to itself", "FILE_MISSING")(lambda _, path: path.symlink_to(path))
 @case("a link to a good file")
 def _(scene: Any, path: Path) -> None:
     path.symlink_to(scene.submit(path.with_name("real.parquet")))
-
-
-@case("CSV renamed", "FILE_UNREADABLE")
-def _(scene: Any, path: Path) -> None:
-    pa.csv.write_csv(scene.table(), path)
-
-
-@case("Feather renamed", "FILE_UNREADABLE")
-def _(scene: Any, path: Path) -> None:
-    pa.feather.write_feather(scene.table(), str(path), compression="uncompressed")
 
 
 for _share in range(1, 20):

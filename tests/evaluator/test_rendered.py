@@ -1,4 +1,4 @@
-"""The truth of really generated data scores perfectly, in every tier and on an episode."""
+"""The truth of really generated data scores perfectly in every tier, and a drift as what it is."""
 
 from __future__ import annotations
 
@@ -39,13 +39,6 @@ def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path) -> None:
         assert figure(scores, "off_object_rate", tier) < 0.01
         # Half a pixel of material, save at folds, where a pixel shows another layer.
         assert figure(scores, "geodesic_mean_m", tier) < 0.02
-
-
-@pytest.mark.slow
-def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path) -> None:
-    scores = score_truth(tiny_episode)
-    assert scores.overall["rmse_px"] == 0
-    assert scores.overall["jitter_px"] == 0
 
 
 @pytest.mark.slow

@@ -209,17 +209,6 @@ def test_faulty_masks_shrink_grow_and_have_holes() -> None:
     assert min(areas) < view.mask.sum() < max(areas)
 
 
-def test_masks_are_dropped_as_often_as_asked() -> None:
-    view = with_ball()
-    rng = np.random.default_rng(2)
-    settings = AugmentSettings(mask_drop=0.25)
-    drawn = [given_masks(rng, view, settings) for _ in range(400)]
-    none = sum(mask is None and objects is None for mask, objects in drawn)
-    alone = sum(mask is not None and objects is None for mask, objects in drawn)
-    assert none == pytest.approx(100, abs=30)
-    assert alone == pytest.approx(100, abs=30)
-
-
 @pytest.mark.parametrize("symmetry", [*SQUARE_ROTATIONS, *SQUARE_MIRRORS], ids=lambda s: s.name)
 def test_an_upright_cloth_stays_upright_under_its_symmetries(symmetry: Symmetry) -> None:
     """The blob moves to the material point that the symmetry names; u still runs right, v up."""

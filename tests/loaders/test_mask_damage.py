@@ -79,19 +79,21 @@ def test_picture_and_masks_are_never_both_missing() -> None:
     view = with_ball()
     settings = AugmentSettings(mask_drop=0.25, picture_drop=0.4)
     rng = np.random.default_rng(7)
-    no_mask, greys, with_mask = 0, [], 0
+    no_mask, alone, greys, with_mask = 0, 0, [], 0
     for _ in range(400):
-        mask, _ = given_masks(rng, view, settings)
+        mask, objects = given_masks(rng, view, settings)
         rgb = given_picture(rng, view.rgb, mask, settings)
         if mask is None:
+            assert objects is None
             no_mask += 1
             np.testing.assert_array_equal(rgb, view.rgb)
             continue
         with_mask += 1
+        alone += objects is None
         if (rgb == rgb[0, 0, 0]).all():
             greys.append(int(rgb[0, 0, 0]))
         else:
             np.testing.assert_array_equal(rgb, view.rgb)
-    assert no_mask == pytest.approx(100, abs=30)
+    assert (no_mask, alone) == pytest.approx((100, 100), abs=30)
     assert len(greys) / with_mask == pytest.approx(0.4, abs=0.09)
     assert len(set(greys)) > 40, "the grey is drawn"
