@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from pliant import scene
@@ -21,8 +22,8 @@ after = film.shoot()
 
 # Row i of both is the same material point: this is the correspondence, in pixels.
 both = before.visible & after.visible
-moved = after.uv_px[both] - before.uv_px[both]
-print(f"{both.sum()} points are seen in both pictures; the largest move: {abs(moved).max():.0f} px")
+moved_px = np.linalg.norm(after.uv_px[both] - before.uv_px[both], axis=1)
+print(f"{both.sum()} points are seen in both pictures; the largest move: {moved_px.max():.0f} px")
 Image.fromarray(before.rgb).save(out / "before.png")
 Image.fromarray(after.rgb).save(out / "after.png")
 print(film.write(out / "dataset"))  # everything: pictures, depth, points, cameras

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import runpy
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 for _name in ("numba", "torch", "cv2", "rerun", "fastapi"):
@@ -39,6 +41,20 @@ def test_example(
     shown = capfd.readouterr().out
     for text in SAYS[name]:
         assert text in shown
+
+
+def test_the_largest_move_is_a_distance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["01", str(tmp_path)])
+    runpy.run_path(str(EXAMPLES / "01_first_scene.py"), run_name="__main__")
+    (table,) = tmp_path.glob("dataset/sequences/*/*/correspondences.parquet")
+    places: dict[int, list[tuple[float, float]]] = {}
+    for row in pq.read_table(table).to_pylist():
+        if row["visibility"] == "visible":
+            places.setdefault(row["point"], []).append((row["u_px"], row["v_px"]))
+    largest = max(math.dist(*seen) for seen in places.values() if len(seen) == 2)
+    assert f"the largest move: {largest:.0f} px" in capfd.readouterr().out
 
 
 def test_every_example_is_tested_and_listed() -> None:
