@@ -165,9 +165,31 @@ def bodies() -> tuple[scene.Rope, scene.Cloth]:
         (lambda _, cloth: cloth.pull((0, -1), carry=(0.1, 0)), r"uv: .*found \(0, -1\)"),
         (lambda _, cloth: cloth.pull((0, 0), carry=(np.nan, 0)), "carry: .*found .*nan"),
         (lambda _, cloth: cloth.pull((0, 0), carry=(0.1, 0), lift_m=-0.1), "lift_m: .*found -0.1"),
-        (lambda _, cloth: cloth.drape(lambda u, v: (u, v)), "shape: .*found 2 arrays"),
-        (lambda _, cloth: cloth.drape(lambda u, v: (u, v, np.nan)), "shape: .*all finite: False"),
+        (
+            lambda _, cloth: cloth.drape(lambda u, v: (u, v)),
+            r"shape: .*found \(an array \(1089,\), an array \(1089,\)\); required: \(x, y, z\)",
+        ),
+        (lambda _, cloth: cloth.drape(lambda u, v: (u, v, np.nan)), r"found \(.*, nan\); required"),
+        (
+            lambda _, cloth: cloth.drape(lambda u, v: np.stack([u, v, v], axis=1)),
+            r"shape: .*found an array \(1089, 3\); required: \(x, y, z\)",
+        ),
+        (lambda _, cloth: cloth.drape(lambda u, v: 3), "shape: .*found 3; required"),
+        (
+            lambda _, cloth: cloth.drape(lambda u, v: (u, v, np.full_like(v, np.nan))),
+            "values that are not finite",
+        ),
         (lambda _, cloth: cloth.settle(-1.0), "seconds: .*found -1.0"),
+        (lambda rope, _: rope.settle(-1), "frames: .*found -1; required: >= 0"),
+        (lambda rope, _: rope.settle(2.5), "frames: .*found 2.5"),
+        (lambda *_: scene.Rope(LINE, radius_m="1 cm"), "radius_m: .*found '1 cm'"),  # type: ignore[arg-type]
+        (
+            lambda *_: scene.Rope(LINE, settings={"length_m": 0.9}),
+            r"settings.length_m: .*found 0.9",
+        ),
+        (lambda *_: scene.Cloth(seed=-1), "seed: .*found -1"),
+        (lambda rope, _: scene.Film(rope, seed=-1), "seed: .*found -1"),
+        (lambda rope, _: scene.Film(rope, size=64), "size: .*found 64; .*width, height"),  # type: ignore[arg-type]
         (lambda *_: scene.camera((0, 0, 0)), "target: the camera is where it looks"),
         (lambda *_: scene.camera("abc"), "eye: .*found 'abc'"),  # type: ignore[arg-type]
         (lambda *_: scene.camera((0, 0, 1), size=(64, 0)), "size: .*found 0; required: >= 1"),

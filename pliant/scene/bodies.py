@@ -20,7 +20,7 @@ from pliant.generator.scene.scene_object import Pose
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.settings.rope import RopeSettings, least_substeps
 from pliant.spec.arrays import FloatArray
-from pliant.spec.calls import check_numbers
+from pliant.spec.calls import check_numbers, check_whole
 from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.errors import CallError, GenerationError
 
@@ -69,6 +69,14 @@ class Rope:
         ball: bool = False,
         settings: Mapping[str, Any] = {},
     ) -> None:
+        check_numbers("radius_m", radius_m, "metres")
+        if "length_m" in settings:
+            raise CallError(
+                "the rope is as long as its curve",
+                where="settings.length_m",
+                found=settings["length_m"],
+                fix="Leave it out, and scale the curve.",
+            )
         line = _smooth(curve, radius_m)
         length = float(arc_length(line)[-1])
         values = {
@@ -116,6 +124,7 @@ class Rope:
 
     def settle(self, frames: int = SETTLE_FRAMES, *, each: Each | None = None) -> None:
         """Let go, and let it fall for some frames of time; `each` as in `pull`."""
+        check_whole("frames", frames)
         for _ in range(frames):
             self._advance(each)
 
@@ -173,6 +182,7 @@ class Cloth:
         seed: int = 0,
         settings: Mapping[str, Any] = {},
     ) -> None:
+        check_whole("seed", seed)
         self.tier = "towel" if towel else "cloth-1"
         self.variant = "towel" if towel else "plain"
         values = {"side_m": side_m, "level": 1, "variant": self.variant, "points_a_side": 49}
@@ -225,13 +235,20 @@ class Cloth:
             CallError: It does not.
         """
         u, v = (self._handling.simulator.rest[:, :2] / self._handling.lengths_m).T
-        places = np.stack(np.broadcast_arrays(*shape(u, v)), axis=1)
-        if places.shape[1] != 3 or not np.isfinite(places).all():
+        answer = shape(u, v)
+        try:
+            x, y, z = answer
+            places = np.stack(np.broadcast_arrays(x, y, z, u)[:3], axis=1).astype(np.float64)
+            fits = places.shape == (len(u), 3) and bool(np.isfinite(places).all())
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
             raise CallError(
                 "the function does not say where the points are",
                 where="shape",
-                found=f"{places.shape[1]} arrays, all finite: {np.isfinite(places).all()}",
-                required="finite x, y, z in metres",
+                found=_described(answer),
+                required="(x, y, z), each a finite number of metres or an array of them, "
+                f"one per point ({len(u)})",
             )
         self._handling.simulator.place(places)
 
@@ -265,6 +282,16 @@ class Cloth:
 
 Body = Rope | Cloth
 """What a film shows."""
+
+
+def _described(answer: object) -> str:
+    """Return what a function of (u, v) returned, in a few words."""
+    if isinstance(answer, tuple | list):
+        return f"({', '.join(_described(each) for each in answer[:4])})"
+    if isinstance(answer, np.ndarray):
+        unknown = answer.dtype.kind == "f" and not np.isfinite(answer).all()
+        return f"an array {answer.shape}" + (" with values that are not finite" if unknown else "")
+    return f"{answer!r:.80}"
 
 
 def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:

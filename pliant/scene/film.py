@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -59,13 +59,17 @@ def camera(
         raise CallError(
             "the camera is where it looks", where="target", found=target, required="not eye"
         )
-    check_numbers("size", size, "(width, height), pixels", count=2)
-    for side in size:
-        check_whole("size", side, least=1)
+    _check_size(size)
     check_numbers("fov_deg", fov_deg, "between 0 and 180 degrees", low=0, high=180, strict=True)
     straight = abs(eye[0] - target[0]) + abs(eye[1] - target[1]) < 1e-6 * abs(eye[2] - target[2])
     up = (0.0, 1.0, 0.0) if straight else (0.0, 0.0, 1.0)
     return looking_at(eye, target, size, fov_deg=fov_deg, up=up)
+
+
+def _check_size(size: object) -> None:
+    check_numbers("size", size, "(width, height), pixels", count=2)
+    for side in cast("Sequence[object]", size):
+        check_whole("size", side, least=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +155,8 @@ class Film:
     ) -> None:
         if split not in SPLITS:
             raise CallError("unknown split", where="split", found=split, required=", ".join(SPLITS))
+        _check_size(size)
+        check_whole("seed", seed)
         self.body, self.style, self.split, self.episode = body, style, split, episode
         self.shots: list[Shot] = []
         self.scene_object = SceneObject(
