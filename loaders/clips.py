@@ -18,7 +18,7 @@ from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.recolouring import recolour
-from pliant.loaders.views import TrainingFrame
+from pliant.loaders.views import TrainingFrame, draw_points
 from pliant.spec.calls import check_type, check_whole
 from pliant.spec.errors import CallError
 
@@ -118,10 +118,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         start = self.starts[step][int(rng.integers(len(self.starts[step])))]
         frames = start + step * np.arange(self.length)
         views = [self.store.view(int(frame)) for frame in frames]
-        candidates = np.flatnonzero(views[0].visible)
-        if len(candidates) == 0:
-            candidates = np.arange(self.store.points)
-        drawn = rng.choice(candidates, self.queries, replace=len(candidates) < self.queries)
+        drawn = draw_points(rng, views[0].visible, self.queries)
         views = [replace(v, uv_px=v.uv_px[drawn], visible=v.visible[drawn]) for v in views]
         if self.augmentation is not None:
             views = self._augmented(rng, views, self.augmentation)

@@ -25,7 +25,7 @@ from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
-from pliant.loaders.views import TrainingFrame
+from pliant.loaders.views import TrainingFrame, draw_points
 from pliant.spec.arrays import Float32Array, IntArray, Mask
 from pliant.spec.calls import check_type, check_whole
 from pliant.spec.configuration import Settings
@@ -154,7 +154,9 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         if self.augmentation is not None:
             views, factor = self._augmented(rng, views, self.augmentation)
             action = action * np.float32(factor)
-        drawn = self._draw_points(rng, views)  # last: augmentation lays an object by all of them
+        # Points seen in two views or more; last, as augmentation lays an object by all of them.
+        twice = np.sum([view.visible for view in views], axis=0) >= 2
+        drawn = draw_points(rng, twice, self.settings.queries)
         orbit = np.column_stack([drawn, self.store.partners[drawn]])  # (Q, 1 + S)
         material = self.store.material[orbit].astype(np.float32)  # (Q, 1 + S, 2)
         apart_m = self.store.tier.queried.distance_m(material[:, None, 0], material[None, :, 0])
@@ -217,17 +219,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             start = int(rng.integers(len(group) - self.settings.views + 1))
             return group[start : start + self.settings.views]
         return rng.choice(group, size=self.settings.views, replace=False)
-
-    def _draw_points(
-        self, rng: np.random.Generator, views: list[TrainingFrame]
-    ) -> npt.NDArray[np.intp]:
-        """Return the rows of Q points, intp (Q,), seen in two views or more where there are any."""
-        seen = np.stack([view.visible for view in views]).sum(axis=0)  # (P,)
-        candidates = np.flatnonzero(seen >= 2)
-        count = self.settings.queries
-        if len(candidates) == 0:
-            candidates = np.arange(self.store.points)
-        return rng.choice(candidates, size=count, replace=len(candidates) < count)
 
     def _action_px(self, frames: IntArray, views: list[TrainingFrame]) -> Float32Array:
         action = np.full((len(views), len(views)), np.inf, dtype=np.float32)

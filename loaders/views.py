@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.arrays import BoolArray, Float32Array
@@ -51,11 +50,13 @@ def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray
     """
     table = sequence.points()
     own = table["object"].to_numpy() == queried_object
-    return np.flatnonzero(_equals(table["kind"], "surface") & own)
+    return np.flatnonzero(pc.equal(table["kind"], "surface").to_numpy() & own)
 
 
-def _equals(column: pa.ChunkedArray, text: str) -> BoolArray:
-    return np.asarray(pc.equal(column, text).combine_chunks().to_numpy(zero_copy_only=False))
+def draw_points(rng: np.random.Generator, seen: BoolArray, count: int) -> npt.NDArray[np.intp]:
+    """Draw rows of surface points, intp (count,): of those seen, bool (P,), where there are any."""
+    candidates = np.flatnonzero(seen if seen.any() else ~seen)
+    return rng.choice(candidates, count, replace=len(candidates) < count)
 
 
 def working_key(frame: Frame, size: tuple[int, int]) -> str:
@@ -98,5 +99,5 @@ def read_training_frame(
         depth_m=resize_nearest(surface.depth_m, size),
         key=frame.key,
         uv_px=(uv_full * scale).astype(np.float32),
-        visible=_equals(table["visibility"], "visible")[points],
+        visible=pc.equal(table["visibility"], "visible").to_numpy()[points],
     ).cached_as(working_key(frame, size))
