@@ -33,7 +33,6 @@ class Task:
         phase: The phase that it was sent to.
         split: The split it must answer.
         kind: Kind of submission that the phase scores: `answers` or `matches`.
-        allow_missing: Whether queries may be without an answer.
         versions: (id of the version, text of the protocol, folder of the truth); none for a check.
     """
 
@@ -43,7 +42,6 @@ class Task:
     phase: str
     split: str
     kind: Literal["answers", "matches"]
-    allow_missing: bool
     versions: tuple[tuple[int, bytes, Path], ...]
 
 
@@ -102,7 +100,6 @@ def score(task: Task) -> Result:
                     task.public,
                     truth=truth,
                     protocol=parse_protocol(text),
-                    allow_missing=task.allow_missing,
                     hide_truth=True,
                 )
             ).document
@@ -130,7 +127,7 @@ def score(task: Task) -> Result:
 
 
 def _checked(task: Task) -> Result:
-    problems = inspect(task.file, task.public, allow_missing=task.allow_missing)
+    problems = inspect(task.file, task.public)
     issues = problems.issues() or _not_of_phase(task)
     if issues:
         return _refused(task, issues)

@@ -44,7 +44,6 @@ class Phase(Settings):
         closes: Moment from which they are refused; None: never.
         attempts_per_day: Scored submissions of a team per UTC day.
         attempts_total: Scored submissions of a team in all.
-        allow_missing: Whether a query without an answer is scored as the worst value.
         show: Which submission of a team the leaderboard shows.
     """
 
@@ -55,7 +54,6 @@ class Phase(Settings):
     closes: Moment | None = None
     attempts_per_day: Count = 5
     attempts_total: Count = 100
-    allow_missing: bool = False
     show: Literal["best", "last"] = "best"
 
     @model_validator(mode="after")

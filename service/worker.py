@@ -111,7 +111,6 @@ class Worker:
                 phase=phase.name,
                 split=phase.split,
                 kind=parse_protocol(ways[0][1]).kind,
-                allow_missing=phase.allow_missing,
                 versions=() if submission.check_only else ways,
             )
             return self._scorer(task, self._limits)

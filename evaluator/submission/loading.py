@@ -241,7 +241,6 @@ def _sha256(table: pa.Table) -> str:
 def check(
     submission: Path | str,
     data: Dataset | Path | str,
-    truth: Path | str | None = None,
     *,
     allow_missing: bool = False,
     limits: Limits | None = None,
@@ -253,7 +252,6 @@ def check(
     Args:
         submission: The submission's file.
         data: The dataset, or its folder; its queries suffice.
-        truth: Not needed for a check; accepted so that calls look alike.
         allow_missing: Whether a query without an answer is not a problem.
         limits: Read the file in a child process with these limits, as the commands do; None reads
             it in this process.
