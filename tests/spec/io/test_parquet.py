@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.spec.conventions import FOOTER_KEY
 from pliant.spec.io import limits
 from pliant.spec.io.parquet import open_table, read_footer, read_table, write_table
 from pliant.spec.io.reading import FileRefusedError
@@ -172,21 +171,3 @@ def test_text_in_a_list_that_a_delta_encoding_may_expand_is_refused(
     monkeypatch.setattr(limits, "MAX_TEXT_BYTES", 10_000)
     error = refusal(tmp_path / "a", "truth", columns=["alternatives"])
     assert (error.code, error.where) == ("FILE_TOO_LARGE", leaf)
-
-
-@pytest.mark.parametrize(
-    ("text", "code"),
-    [
-        (None, "FOOTER_MISSING"),
-        (b"{", "FOOTER_INVALID"),
-        (b"[1]", "FOOTER_INVALID"),
-        (b"\xff\xfe", "FOOTER_INVALID"),
-        (b'{"a": 1, "a": 2}', "FOOTER_INVALID"),
-    ],
-)
-def test_bad_footers(tmp_path: Path, text: bytes | None, code: str) -> None:
-    metadata = {} if text is None else {FOOTER_KEY: text}
-    pq.write_table(points().replace_schema_metadata(metadata), tmp_path / "a")
-    with pytest.raises(FileRefusedError) as caught:
-        read_footer(tmp_path / "a")
-    assert caught.value.code == code
