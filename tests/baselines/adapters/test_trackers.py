@@ -43,25 +43,20 @@ def walk(frames: Any, points: Any) -> Any:
 def test_windows_and_batches_change_nothing(window: int | None, batch: int | None) -> None:
     views = [Frame(np.full((8, 9, 3), 10 * number + number**2, np.uint8)) for number in range(6)]
     points = np.random.default_rng(0).uniform(0, 8, (4, 2)).astype(np.float32)
-    method = from_tracker(walk, window=window, batch=batch)
+    lengths = []
+
+    def counted(frames: Any, points: Any) -> Any:
+        lengths.append(len(frames))
+        return walk(frames, points)
+
+    method = from_tracker(counted, window=window, batch=batch)
     assert isinstance(method, TrackMatcher)
     found = [answers.uv_px for answers in method.track(iter(views), points)]
     assert len(found) == 5
+    assert max(lengths) == min(window or 6, 6)
     for number, uv_px in enumerate(found, 1):
         by = 10 * number + number**2
         np.testing.assert_allclose(uv_px, points + np.array([by, -by]), atol=1e-3)
-
-
-def test_longest_clip_is_the_window() -> None:
-    lengths = []
-
-    def count(frames: Any, points: Any) -> Any:
-        lengths.append(len(frames))
-        return np.tile(points, (len(frames), 1, 1))
-
-    views = [Frame(np.zeros((8, 9, 3), np.uint8))] * 8
-    list(from_tracker(count, window=3).track(views, np.ones((2, 2), np.float32)))
-    assert lengths == [3, 3, 3, 2]
 
 
 def test_frames_are_tensors_on_a_device() -> None:

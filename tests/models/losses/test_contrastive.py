@@ -82,19 +82,6 @@ def random_case(seed: int) -> dict[str, Any]:
     }
 
 
-def test_gradient() -> None:
-    inputs = random_case(0)
-    names = ("query", "match", "non_match")
-    values = tuple(inputs[name] for name in names)
-
-    def loss(*tensors: torch.Tensor) -> torch.Tensor:
-        return loss_of(inputs | dict(zip(names, tensors, strict=True)), Hinge(margin=1.7))
-
-    assert torch.autograd.gradcheck(loss, values)
-    for gradient in torch.autograd.grad(loss(*values), values):
-        assert float(gradient.abs().sum()) > 0.01
-
-
 def test_a_collapsed_network_has_a_finite_gradient() -> None:
     inputs = random_case(1)
     with torch.no_grad():
@@ -107,12 +94,13 @@ def test_a_collapsed_network_has_a_finite_gradient() -> None:
 
 def test_chunks_add_up() -> None:
     inputs = random_case(2)
-    leaves = (inputs["query"], inputs["non_match"])
+    leaves = (inputs["query"], inputs["match"], inputs["non_match"])
     whole, parts = (loss_of(inputs, Hinge(margin=1.5), chunk=chunk) for chunk in (None, 2))
     torch.testing.assert_close(whole, parts)
-    torch.testing.assert_close(
-        torch.autograd.grad(whole, leaves), torch.autograd.grad(parts, leaves)
-    )
+    gradients = torch.autograd.grad(whole, leaves)
+    torch.testing.assert_close(gradients, torch.autograd.grad(parts, leaves))
+    for gradient in gradients:
+        assert float(gradient.abs().sum()) > 0.01
 
 
 def test_half_of_the_non_matches_lie_on_the_object() -> None:
