@@ -57,7 +57,9 @@ def _kind(config: Path) -> str:
     from pliant.spec.io.yamlfiles import read_yaml
 
     try:
+        if b"timecycle" not in config.read_bytes():
+            return "don"  # without parsing the config, which its loader does again
         values = read_yaml(config)
-    except CallError:
+    except (CallError, OSError):
         return "don"  # its loader says what is wrong
     return str(values.get("kind", "don")) if isinstance(values, dict) else "don"

@@ -63,6 +63,7 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
     """
     check_figure_path(out)
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     single = match.points[0] if len(match.points) == 1 else None
     heat = None if single is None else single.heat
@@ -79,7 +80,7 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
     warnings = "\n".join(_wrapped(warning, 9, wide) for warning in match.warnings())
     lines = headline.count("\n") + len(warnings.splitlines())
     below = (0.75 if heat is None else 1.35) + 0.2 * lines  # texts and bar, inches
-    figure = Figure(figsize=(wide, tall + below), layout="constrained")
+    figure = Figure(figsize=(wide, tall + below), dpi=110)
     rows = [tall] if heat is None else [tall, 0.14]
     grid = figure.add_gridspec(len(rows), len(frames), width_ratios=shapes, height_ratios=rows)
     axes = [figure.add_subplot(grid[0, column]) for column in range(len(frames))]
@@ -116,8 +117,14 @@ def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> No
     figure.suptitle(headline, fontsize=12)
     if warnings:
         figure.supxlabel(warnings, fontsize=9, color="#b00020")
+    # A figure that has a layout engine would be drawn twice, first for the layout alone.
+    ConstrainedLayoutEngine().execute(figure)
+    # Half the time of Pillow's own level, and 10 % more bytes.
+    png: dict[str, Any] = (
+        {"pil_kwargs": {"compress_level": 4}} if out.suffix.lower() == ".png" else {}
+    )
     with replacing(out) as partial:
-        figure.savefig(partial, dpi=110)
+        figure.savefig(partial, **png)
 
 
 def _numbered(axes: list[Any], match: PhotoMatch) -> None:

@@ -151,5 +151,5 @@ def _backward(
 
 
 def _draw(weight: FloatArray, rng: np.random.Generator) -> int:
-    total = np.cumsum(weight)  # equal to the one before where the weight is 0: never chosen
-    return int(np.searchsorted(total, rng.random() * total[-1]))
+    total = weight.cumsum()  # equal to the one before where the weight is 0: never chosen
+    return int(total.searchsorted(rng.random() * total[-1]))
