@@ -90,8 +90,7 @@ def _start_process(
 
 
 def _run_in_process(task: range) -> list[Result]:
-    if _process_worker is None:
-        raise RuntimeError("the worker process was not started")
+    assert _process_worker is not None  # _start_process has run
     return _process_worker.run(task)
 
 

@@ -87,8 +87,6 @@ class RandomStreams:
             A new generator that depends on seed, task, frame and stream alone.
         """
         task = self.task
-        if self.seed < 0 or task.index < 0:
-            raise ValueError("seed and sequence must be >= 0")
         place = 0 if frame is None else frame + 1
         if self.seed >= GUESSABLE_BELOW:
             # Published sequences must not lead back to the seed of the held-out ones.

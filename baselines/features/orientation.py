@@ -29,8 +29,6 @@ def dominant_gradient_deg(
     Returns:
         float64 (N,), degrees in [0, 360), from +u towards +v.
     """
-    if len(uv_px) == 0:
-        return np.zeros(0)
     column, row = np.floor(uv_px).astype(np.int64).T  # (N,) each
     reach = int(np.ceil(8 * scale_px))  # Gaussian tails and gradients, with room to spare
     top, left = max(0, row.min() - reach), max(0, column.min() - reach)

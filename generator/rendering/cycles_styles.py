@@ -209,12 +209,6 @@ class FastRenderer(CyclesRenderer):
             left, right, top, bottom = window
             box = linear[top:bottom, left:right]
             layer = self._combined()
-            if layer.shape[:2] != box.shape[:2]:
-                raise GenerationError(
-                    "Cycles rendered another window than it was given",
-                    found=layer.shape[:2],
-                    required=box.shape[:2],
-                )
             covered = self._covered(world, window)[..., None]
             box *= 1.0 - covered
             box += covered * _object_colour(layer, covered[..., 0])

@@ -117,10 +117,7 @@ def _point_positions(
         share = points.share[surface, None]
         xyz[surface] = (1.0 - share) * xyz[surface] + share * world[own[surface, 1]]
     if not bool(surface.all()):
-        if pose.centreline is None:
-            raise ValueError(
-                "the scene object has centre-line points but the pose has no centre line"
-            )
+        assert pose.centreline is not None  # there are centre-line points
         line = pose.centreline.astype(np.float32).astype(np.float64)
         xyz[~surface] = line[points.vertex[~surface]]
     return xyz, own

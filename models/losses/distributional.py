@@ -84,8 +84,7 @@ def gaussian_target(
             return mode
         weight = share[:, :, r, None].to(mode.dtype)
         q = mode.mul_(weight) if q is None else q.addcmul_(mode, weight)
-    if q is None:
-        raise ValueError("a target needs at least one position")
+    assert q is not None  # a target has at least one position
     return q
 
 
