@@ -52,10 +52,10 @@ class Controls:
         if block.uv_a_px is None:
             return
         counted = block.counted
-        count = block.sum_by_pair(counted).astype(np.int64)
+        count = block.pair_counted.astype(np.int64)
         axes = [block.sum_by_pair(np.where(counted, axis, 0.0)) for axis in block.true_px.T]
         total = np.stack(axes, axis=1)
-        chosen = np.flatnonzero(counted)
+        chosen = block.counted_rows
         kept = np.arange(0, len(chosen), self._step)
         of_pair, at = block.pair[chosen[kept]], block.true_px[chosen[kept]]
         size = count[of_pair]

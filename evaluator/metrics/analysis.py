@@ -49,11 +49,10 @@ class Analysis(Metric[AnalysisSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        counted = block.counted
-        scaled = np.minimum(block.error_px[counted] / self._bin_px, self._fine)
+        scaled = np.minimum(block.counted_error_px / self._bin_px, self._fine)
         width = self._fine + 1
         tier = self.context.queries.tier[block.pairs]
-        key = tier[block.pair[counted]] * width + scaled.astype(np.int64)
+        key = tier[block.counted_pair] * width + scaled.astype(np.int64)
         self._counts += np.bincount(key, minlength=self._counts.size).reshape(self._counts.shape)
 
     def finish(self, groups: Groups, summary: Summary) -> None:

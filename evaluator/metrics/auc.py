@@ -38,25 +38,25 @@ class Auc(Metric[AucSettings]):
 
     def __init__(self, settings: AucSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        self._errors = context.per_row()
+        self._errors: list[FloatArray] = []
         self._means = np.full(context.queries.pairs, np.nan)
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        counted = block.counted
-        self._errors[block.rows] = np.where(counted, block.reach_px, np.nan)
-        number = block.sum_by_pair(counted)
-        total = block.sum_by_pair(np.where(counted, block.reach_px, 0.0))
+        self._errors.append(block.reach_px.take(block.counted_rows))
+        number = block.pair_counted
+        total = block.sum_by_pair(np.where(block.counted, block.reach_px, 0.0))
         with np.errstate(invalid="ignore"):
             self._means[block.pairs] = total / np.where(number > 0, number, np.nan)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the areas of each group."""
+        errors = np.concatenate([np.empty(0), *self._errors])
+        counted = self.table.columns["counted"]
         for index, group in groups:
-            rows = groups.rows(index, self._errors)
-            kinds = {"": self._means[groups.masks[index]], "_queries": np.concatenate(rows)}
-            for suffix, errors in kinds.items():
-                known = errors[~np.isnan(errors)]
+            means = self._means[groups.masks[index]]
+            queries = np.concatenate(groups.parts(index, errors, counted))
+            for suffix, known in (("", means[~np.isnan(means)]), ("_queries", queries)):
                 for t in self.settings.thresholds_px:
                     summary.set(group, f"auc_{t:g}px{suffix}", area_under_recall(known, t))
 

@@ -73,10 +73,19 @@ class Groups:
         masks += [queries.tier == code for code in range(len(queries.tiers))]
         return cls([OVERALL, *queries.tiers], masks, starts)
 
-    def rows(self, index: int, values: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-        """Return a group's parts of an array with a value for each scored row."""
+    def parts(
+        self, index: int, values: npt.NDArray[Any], number: npt.NDArray[Any] | None = None
+    ) -> list[npt.NDArray[Any]]:
+        """Return a group's parts of an array of values, those of the first pair first.
+
+        Args:
+            index: The group.
+            values: The array.
+            number: (P,), the number of values of each pair; None for one for each scored row.
+        """
+        starts = self.starts if number is None else np.append(0, np.cumsum(number.astype(np.int64)))
         edges = np.diff(self.masks[index].astype(np.int8), prepend=0, append=0)
-        first, end = self.starts[np.flatnonzero(edges == 1)], self.starts[np.flatnonzero(edges < 0)]
+        first, end = starts[np.flatnonzero(edges == 1)], starts[np.flatnonzero(edges < 0)]
         return [values[a:b] for a, b in zip(first.tolist(), end.tolist(), strict=True)]
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
@@ -128,10 +137,6 @@ class ScoringContext:
     answers: PlacedAnswers
     table: PairTable
     surfaces: Surfaces
-
-    def per_row(self) -> FloatArray:
-        """Return an array for one value per scored row, float64 (R,), filled with NaN."""
-        return np.full(len(self.answers.uv_px), np.nan)
 
 
 class NoSettings(Settings):

@@ -39,11 +39,17 @@ class Partners:
     uv_px: FloatArray
     visible: BoolArray
 
-    @property
+    @cached_property
+    def query(self) -> IntArray:
+        """int64 (M,), the query of each partner."""
+        return np.repeat(np.arange(len(self.begin) - 1), np.diff(self.begin))
+
+    @cached_property
     def any_visible(self) -> BoolArray:
         """Bool (N,), queries with a visible partner."""
-        before = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.visible)])[self.begin]
-        return before[1:] > before[:-1]
+        found = np.zeros(len(self.begin) - 1, bool)
+        found[self.query.take(np.flatnonzero(self.visible))] = True
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +107,36 @@ class Block:
     def counted(self) -> BoolArray:
         """Bool (N,), queries whose point is visible in the target frame."""
         return self.state == VISIBLE
+
+    @cached_property
+    def counted_rows(self) -> IntArray:
+        """int64 (K,), the rows of these queries; `take` is faster with them than with a mask."""
+        return np.flatnonzero(self.counted)
+
+    @cached_property
+    def counted_pair(self) -> IntArray:
+        """int64 (K,), the pair of each of these queries."""
+        return self.pair.take(self.counted_rows)
+
+    @cached_property
+    def counted_error_px(self) -> FloatArray:
+        """float64 (K,), their errors."""
+        return self.error_px.take(self.counted_rows)
+
+    @cached_property
+    def pair_counted(self) -> FloatArray:
+        """float64 (P,), the number of counted queries of each pair."""
+        return self.sum_by_pair(self.counted)
+
+    @cached_property
+    def pair_error_px(self) -> FloatArray:
+        """float64 (P,), the sum of the errors of each pair's counted queries."""
+        return self.sum_by_pair(np.where(self.counted, self.error_px, 0.0))
+
+    @cached_property
+    def pair_squared_px2(self) -> FloatArray:
+        """float64 (P,), the sum of their squares."""
+        return self.sum_by_pair(np.where(self.counted, self.squared_px2, 0.0))
 
     @cached_property
     def lost(self) -> BoolArray:
@@ -235,7 +271,8 @@ def _positions(table: pa.Table, truth: Path) -> tuple[StateArray, FloatArray]:
             where="visibility_b",
             required=", ".join(VISIBILITY_STATES),
         )
-    if not np.isfinite(true_px[state == VISIBLE]).all():
+    u, v = true_px.T
+    if not ((np.isfinite(u) & np.isfinite(v)) | (state != VISIBLE)).all():
         raise SpecError("a visible point has no finite position", path=truth, where="u_b, v_b")
     return state.astype(np.uint8), true_px
 

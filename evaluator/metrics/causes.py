@@ -183,7 +183,7 @@ def _nearest_partner_px(block: Block) -> FloatArray:
     nearest = np.full(len(block.state), np.inf)
     if block.partners is None or not len(block.partners.uv_px):
         return nearest
-    row = np.repeat(np.arange(len(nearest)), np.diff(block.partners.begin))
-    distance = np.hypot(*(block.answer_px[row] - block.partners.uv_px).T)
+    row = block.partners.query
+    distance = np.hypot(*(block.answer_px.take(row, axis=0) - block.partners.uv_px).T)
     np.minimum.at(nearest, row, np.where(np.isfinite(distance), distance, np.inf))
     return nearest

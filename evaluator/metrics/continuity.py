@@ -14,11 +14,11 @@ import numpy as np
 from pliant.evaluator.metrics.base import Groups, Level, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px, exact_quantiles
-from pliant.spec.arrays import BoolArray, IntArray, RealArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
-_CHUNK_CELLS: Final = 1 << 19
+_CHUNK_CELLS: Final = 1 << 17
 """Distances computed at once; they stay in the processor's cache."""
 
 
@@ -52,7 +52,7 @@ class Continuity(Metric[ContinuitySettings]):
 
     def __init__(self, settings: ContinuitySettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        self._stretch = context.per_row()
+        self._stretch: list[FloatArray] = []
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -62,12 +62,11 @@ class Continuity(Metric[ContinuitySettings]):
         row, other = nearest_neighbours(
             block.uv_a_px, block.counted, block.starts, settings.queries_per_pair
         )
-        a = endpoint_error_px(block.uv_a_px[row], block.uv_a_px[other])
-        truth = endpoint_error_px(block.true_px[row], block.true_px[other])
+        a, truth = _apart_px(block.uv_a_px, row, other), _apart_px(block.true_px, row, other)
         asked = (a >= settings.min_distance_a_px) & (a <= settings.max_distance_a_px)
-        asked &= truth <= settings.max_true_stretch * a
-        row, other, a = row[asked], other[asked], a[asked]
-        b = endpoint_error_px(block.answer_px[row], block.answer_px[other])
+        kept = np.flatnonzero(asked & (truth <= settings.max_true_stretch * a))
+        row, other, a = row[kept], other[kept], a[kept]
+        b = _apart_px(block.answer_px, row, other)
         jump = b > np.maximum(settings.jump_stretch * a, settings.jump_min_px)
         torn = block.lost[row] | block.lost[other]
         jump, b = jump | torn, np.where(torn, block.missing_px, b)
@@ -75,14 +74,23 @@ class Continuity(Metric[ContinuitySettings]):
         pair = block.pair[row]
         self.table.put("neighbours", block.pairs, np.bincount(pair, minlength=pairs))
         self.table.put("jumps", block.pairs, np.bincount(pair, jump, pairs))
-        self._stretch[block.first_row + row] = b / a
+        self._stretch.append(b / a)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the quantile of the stretch."""
         name = self.figures(self.settings)[1].name
+        stretch, number = (
+            np.concatenate([np.empty(0), *self._stretch]),
+            self.table.columns["neighbours"],
+        )
         for index, group in groups:
-            rows = groups.rows(index, self._stretch)
-            summary.set(group, name, *exact_quantiles(rows, [self.settings.quantile]))
+            parts = groups.parts(index, stretch, number)
+            summary.set(group, name, *exact_quantiles(parts, [self.settings.quantile]))
+
+
+def _apart_px(uv_px: RealArray, row: IntArray, other: IntArray) -> FloatArray:
+    """Return the distance of the positions in two rows, float64 (K,)."""
+    return endpoint_error_px(uv_px.take(row, axis=0), uv_px.take(other, axis=0))
 
 
 def nearest_neighbours(
@@ -121,18 +129,18 @@ def nearest_neighbours(
 def _nearest_in_blocks(
     uv_a_px: RealArray, usable: BoolArray, index: IntArray
 ) -> tuple[IntArray, IntArray]:
-    uv = uv_a_px[index].astype(np.float32)  # (p, w, 2), the precision queries are stored in
+    uv = uv_a_px.take(index, axis=0).astype(np.float32)  # (p, w, 2), as queries are stored
     fine = usable[index]
     # An unusable query is moved so far away that it is nobody's nearest.
     u = np.where(fine, uv[..., 0], np.float32(1e9))
-    v = uv[..., 1]
+    v = uv[..., 1].copy()  # subtracting is faster in one piece
     squared = u[:, :, None] - u[:, None, :]
     squared *= squared
     dv = v[:, :, None] - v[:, None, :]
     dv *= dv
     squared += dv
     width = index.shape[1]
-    squared[:, np.arange(width), np.arange(width)] = np.inf
-    nearest = squared.argmin(axis=2)
-    both = fine & np.take_along_axis(fine, nearest, axis=1)
-    return index[both], np.take_along_axis(index, nearest, axis=1)[both]
+    squared.reshape(-1, width * width)[:, :: width + 1] = np.inf  # of each query to itself
+    other = squared.argmin(axis=2) + width * np.arange(len(index))[:, None]
+    both = np.flatnonzero(fine & fine.take(other))
+    return index.take(both), index.take(other.take(both))

@@ -66,7 +66,7 @@ class Distribution(Metric[DistributionSettings]):
         if not context.answers.has_distribution:
             self.truth_columns = ()
         else:
-            self._spread, self._squared = context.per_row(), context.per_row()
+            self._spread, self._squared = np.full((2, context.queries.rows), np.nan)
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -154,7 +154,7 @@ class Distribution(Metric[DistributionSettings]):
         counted = self.table.columns["distributions"][groups.masks[index]].sum()
         every = max(1, int(np.ceil(counted / _MOST_SORTED)))
         spread, squared = (
-            np.concatenate([part[::every] for part in groups.rows(index, store)])
+            np.concatenate([part[::every] for part in groups.parts(index, store)])
             for store in (self._spread, self._squared)
         )
         fine = np.isfinite(spread)
@@ -215,6 +215,7 @@ def equivalent_positions(block: Block, chosen: IntArray) -> tuple[FloatArray, Bo
     column = np.arange(width)
     exists: BoolArray = column < count[:, None]  # (n, S)
     index = np.where(exists, partners.begin[chosen, None] + column, 0)
-    seen = exists & partners.visible[index]
-    at = np.concatenate([block.true_px[chosen][:, None], partners.uv_px[index]], axis=1)
+    seen = exists & partners.visible.take(index)
+    at = np.empty((len(chosen), 1 + width, 2))
+    at[:, 0], at[:, 1:] = block.true_px.take(chosen, axis=0), partners.uv_px.take(index, axis=0)
     return at, np.concatenate([seen.any(axis=1)[:, None], seen], axis=1)

@@ -11,31 +11,41 @@ import numpy.typing as npt
 from pliant.spec.arrays import FloatArray, IntArray, RealArray
 
 
-def endpoint_error_px(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
+def endpoint_error_px(
+    predicted_px: RealArray, true_px: RealArray, scale: Sequence[float] | FloatArray = (1, 1)
+) -> FloatArray:
     """Return the Euclidean distance of each answer from its truth.
 
     Args:
         predicted_px: float (N, 2), pixels.
         true_px: float (N, 2), pixels.
+        scale: Factors of both axes.
 
     Returns:
         float64 (N,), pixels.
     """
-    return np.sqrt(squared_error_px2(predicted_px, true_px))
+    squared = squared_error_px2(predicted_px, true_px, scale)
+    return np.sqrt(squared, out=squared)
 
 
-def squared_error_px2(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
+def squared_error_px2(
+    predicted_px: RealArray, true_px: RealArray, scale: Sequence[float] | FloatArray = (1, 1)
+) -> FloatArray:
     """Return the squared Euclidean distance of each answer from its truth.
 
     Args:
         predicted_px: float (N, 2), pixels.
         true_px: float (N, 2), pixels.
+        scale: Factors of both axes.
 
     Returns:
         float64 (N,), square pixels.
     """
     du = np.subtract(predicted_px[:, 0], true_px[:, 0], dtype=np.float64)
     dv = np.subtract(predicted_px[:, 1], true_px[:, 1], dtype=np.float64)
+    if tuple(scale) != (1, 1):
+        du *= scale[0]
+        dv *= scale[1]
     du *= du
     dv *= dv
     du += dv
@@ -71,13 +81,13 @@ def exact_quantiles(chunks: Sequence[FloatArray], levels: Sequence[float]) -> li
     """Return quantiles by linear interpolation between order statistics (numpy's `linear`).
 
     Args:
-        chunks: float64 arrays; NaN is left out.
+        chunks: float64 arrays without NaN.
         levels: Levels from 0 to 1.
 
     Returns:
         One value per level; None where there are no values.
     """
-    values = np.concatenate([np.empty(0), *(chunk[~np.isnan(chunk)] for chunk in chunks)])
+    values = np.concatenate([np.empty(0), *chunks])
     if not len(values):
         return [None] * len(levels)
     position = np.asarray(levels) * (len(values) - 1)

@@ -15,6 +15,7 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.evaluator.statistics.ratios import Figure
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 
 
@@ -23,7 +24,8 @@ class Counts(Metric[NoSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        self.add_sums(block, counted=block.counted, answered=~block.lost)
+        self.table.put("counted", block.pairs, block.pair_counted)
+        self.add_sums(block, answered=~block.lost)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the number of queries of each pair."""
@@ -53,30 +55,28 @@ class Localisation(Metric[LocalisationSettings]):
 
     def __init__(self, settings: LocalisationSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        self._errors = context.per_row() if settings.quantiles else None
+        self._errors: list[FloatArray] = []
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        counted = block.counted
         u, v = block.answer_px[:, 0], block.answer_px[:, 1]
         width, height = self.context.queries.size
         outside = (u < 0) | (u > width) | (v < 0) | (v > height)  # NaN, a missing one, is not
-        self.add_sums(
-            block,
-            sum_squared_px2=np.where(counted, block.squared_px2, 0.0),
-            sum_error_px=np.where(counted, block.error_px, 0.0),
-            outside_image=outside,
-        )
-        if self._errors is not None:
-            self._errors[block.rows] = np.where(counted, block.error_px, np.nan)
+        self.add_sums(block, outside_image=outside)
+        self.table.put("sum_squared_px2", block.pairs, block.pair_squared_px2)
+        self.table.put("sum_error_px", block.pairs, block.pair_error_px)
+        if self.settings.quantiles:
+            self._errors.append(block.counted_error_px)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the quantiles."""
-        if self._errors is None:
-            return
         levels = self.settings.quantiles
+        if not levels:
+            return
+        errors = np.concatenate([np.empty(0), *self._errors])
+        counted = self.table.columns["counted"]
         for index, group in groups:
-            values = exact_quantiles(groups.rows(index, self._errors), levels)
+            values = exact_quantiles(groups.parts(index, errors, counted), levels)
             for level, value in zip(levels, values, strict=True):
                 summary.set(group, _quantile_name(level), value)
 

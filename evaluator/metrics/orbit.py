@@ -40,20 +40,15 @@ class Orbit(Metric[OrbitSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        if block.partners is None:
+        if block.partners is None or not len(block.partners.uv_px):
             return
         chosen = np.flatnonzero(block.counted & block.partners.any_visible)
         positions = equivalent_positions(block, chosen)
         if positions is None:
             return
         at_px, exists = positions
-        asked = self._apart(at_px, exists)
-        names = ["hits", "flips", "points", "decided"]
-        if self.context.answers.has_distribution:
-            names += ["own_mass", "partner_mass", "least_mass", "distributions"]
-        rows = {f"orbit_{name}": np.zeros(len(block.state)) for name in names}
-        self._add(block, chosen[asked], at_px[asked], exists[asked], rows)
-        self.add_sums(block, **rows)
+        asked = np.flatnonzero(self._apart(at_px, exists))
+        self._add(block, chosen[asked], at_px.take(asked, axis=0), exists.take(asked, axis=0))
 
     def _apart(self, at_px: FloatArray, exists: BoolArray) -> BoolArray:
         """Return which points have discs that do not overlap, bool (n,)."""
@@ -63,30 +58,25 @@ class Orbit(Metric[OrbitSettings]):
             apart &= (gap > 2 * self.settings.radius_px) | ~(exists[:, one] & exists[:, other])
         return apart
 
-    def _add(
-        self,
-        block: Block,
-        chosen: IntArray,
-        at_px: FloatArray,
-        exists: BoolArray,
-        rows: dict[str, FloatArray],
-    ) -> None:
+    def _add(self, block: Block, chosen: IntArray, at_px: FloatArray, exists: BoolArray) -> None:
         """Take in some rows of a block; a missing answer is a flip without probability."""
         answers, radius = self.context.answers, self.settings.radius_px
-        lost, answer_px = block.lost[chosen], block.answer_px[chosen]
+        lost, answer_px = block.lost[chosen], block.answer_px.take(chosen, axis=0)
         own, *others = (
             np.where(seen & ~lost, endpoint_error_px(answer_px, place_px), np.inf)
             for seen, place_px in zip(exists.T, at_px.swapaxes(0, 1), strict=True)
         )
         nearest = np.minimum.reduce(others)
         hit = np.minimum(own, nearest) <= radius
-        rows["orbit_points"][chosen] = 1
-        rows["orbit_hits"][chosen] = hit
-        rows["orbit_decided"][chosen] = hit | lost
-        rows["orbit_flips"][chosen] = (hit & (nearest < own)) | lost
+        flips = (hit & (nearest < own)) | lost
+        counts = {"points": None, "hits": hit, "decided": hit | lost, "flips": flips}
+        if answers.has_distribution:
+            counts["distributions"] = None
+        pair, pairs = block.pair.take(chosen), len(block.starts) - 1
+        for name, wanted in counts.items():
+            self.table.put(f"orbit_{name}", block.pairs, np.bincount(pair, wanted, pairs))
         if not answers.has_distribution:
             return
-        rows["orbit_distributions"][chosen] = 1
         kept = np.flatnonzero(~lost)
         found = answered_mixtures(answers, block, chosen[kept], self.settings.sigma_floor_px)
         mass = np.stack(
@@ -98,9 +88,12 @@ class Orbit(Metric[OrbitSettings]):
         )  # (k, S + 1)
         seen = exists[kept]
         partners = np.where(seen, mass, 0)[:, 1:].sum(axis=1) / seen[:, 1:].sum(axis=1)
-        rows["orbit_own_mass"][chosen[kept]] = mass[:, 0]
-        rows["orbit_partner_mass"][chosen[kept]] = partners
-        rows["orbit_least_mass"][chosen[kept]] = np.where(seen, mass, 1).min(axis=1)
+        least = np.where(seen, mass, 1).min(axis=1)
+        masses = {"own_mass": mass[:, 0], "partner_mass": partners, "least_mass": least}
+        for name, values in masses.items():
+            rows = np.zeros(len(block.state))
+            rows[chosen[kept]] = values
+            self.add_sums(block, **{f"orbit_{name}": rows})
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say why there are no masses."""

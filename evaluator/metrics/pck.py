@@ -40,17 +40,18 @@ class Pck(Metric[PckSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        self._count(block, block.reach_px, self.settings.thresholds_px, "px")
+        reach = block.reach_px.take(block.counted_rows)
+        self._count(block, reach, self.settings.thresholds_px, "px")
         if block.box_px is not None:
-            self._count(block, block.reach_px / block.box_px, self.settings.thresholds_box, "box")
+            share = reach / block.box_px.take(block.counted_rows)
+            self._count(block, share, self.settings.thresholds_box, "box")
 
     def _count(
         self, block: Block, distance: FloatArray, thresholds: Sequence[float], suffix: str
     ) -> None:
-        counted = block.counted
-        level = threshold_level(distance[counted], thresholds, self.settings.comparison)
+        level = threshold_level(distance, thresholds, self.settings.comparison)
         pairs, width = len(block.starts) - 1, len(thresholds) + 1
-        key = block.pair[counted] * width + level
+        key = block.counted_pair * width + level
         counts = np.bincount(key, minlength=pairs * width).reshape(pairs, width).cumsum(axis=1)
         for index, threshold in enumerate(thresholds):
             self.table.put(f"within_{threshold:g}{suffix}", block.pairs, counts[:, index])
@@ -68,8 +69,8 @@ def threshold_level(distance: FloatArray, thresholds: Sequence[float], compariso
         int64 (N,): index into `thresholds`, or T where the distance is within none.
     """
     # Thresholds are few: counting those that are failed is faster than searching.
-    level = np.zeros(len(distance), np.int64)
+    level = np.zeros(len(distance), np.min_scalar_type(len(thresholds)))
     for threshold in thresholds:
         within = distance <= threshold if comparison == "<=" else distance < threshold
-        level += ~within
-    return level
+        level += (~within).view(np.uint8)
+    return level.astype(np.int64)

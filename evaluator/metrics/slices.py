@@ -13,6 +13,7 @@ import pyarrow as pa
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
+from pliant.evaluator.metrics.pck import threshold_level
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, StateArray
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -50,8 +51,11 @@ class _Tally:
     def add(self, index: IntArray | StateArray, error_px: FloatArray, within: BoolArray) -> None:
         """Add queries, each to the bin `index`."""
         bins = index.astype(np.intp, copy=False)
-        for column, weights in enumerate((None, error_px, error_px**2, within)):
+        hits = np.bincount(2 * bins + within, minlength=2 * len(self.labels)).reshape(-1, 2)
+        self.sums[:, 0] += hits.sum(axis=1)
+        for column, weights in ((1, error_px), (2, error_px**2)):
             self.sums[:, column] += np.bincount(bins, weights, len(self.labels))
+        self.sums[:, 3] += hits[:, 1]
 
     def rows(self, within_px: float) -> list[dict[str, Any]]:
         """Return the bins that are not empty."""
@@ -87,17 +91,14 @@ class Slices(Metric[SlicesSettings]):
         finite = np.isfinite(block.error_px)  # a hidden point may have no position
         kept = slice(None) if finite.all() else finite
         self._state.add(block.state[kept], block.error_px[kept], within[kept])
-        counted = block.counted
-        self.add_sums(
-            block,
-            within_slice=within & counted,
-            slice_error_px=np.where(counted, block.error_px, 0.0),
-            slice_squared_px2=np.where(counted, block.squared_px2, 0.0),
-        )
+        counted, rows = block.counted, block.counted_rows
+        self.add_sums(block, within_slice=within & counted)
+        self.table.put("slice_error_px", block.pairs, block.pair_error_px)
+        self.table.put("slice_squared_px2", block.pairs, block.pair_squared_px2)
         if block.uv_a_px is not None:
             moved = endpoint_error_px(block.true_px, block.uv_a_px)
-            index = np.digitize(moved[counted], self.settings.displacement_px)
-            self._displacement.add(index, block.error_px[counted], within[counted])
+            index = threshold_level(moved.take(rows), self.settings.displacement_px, "<")
+            self._displacement.add(index, block.counted_error_px, within.take(rows))
             if self.settings.moving_px is not None:
                 moving = counted & (moved > self.settings.moving_px)
                 squared = np.where(moving, block.squared_px2, 0.0)
@@ -106,8 +107,8 @@ class Slices(Metric[SlicesSettings]):
         if not self.settings.silhouette_px:
             return
         facts = self.context.surfaces.facts(block, self.context.queries)
-        known = facts.known & counted
-        index = np.digitize(facts.silhouette_px[known], self.settings.silhouette_px)
+        known = rows[facts.known[rows]]
+        index = threshold_level(facts.silhouette_px[known], self.settings.silhouette_px, "<")
         self._silhouette.add(index, block.error_px[known], within[known])
 
     def finish(self, groups: Groups, summary: Summary) -> None:

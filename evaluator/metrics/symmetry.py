@@ -21,8 +21,7 @@ class Symmetry(Metric[NoSettings]):
         if partners is None:
             return
         pairs = len(block.starts) - 1
-        pair_squared = block.sum_by_pair(np.where(block.counted, block.squared_px2, 0.0))
-        point_squared = pair_squared.copy()
+        pair_squared, point_squared = block.pair_squared_px2.copy(), block.pair_squared_px2.copy()
         flipped_pairs, flipped_points = np.zeros(pairs), np.zeros(pairs)
         asked = np.zeros(pairs)
         lost = block.sum_by_pair(block.lost & block.counted)  # a missing answer is flipped
@@ -32,8 +31,11 @@ class Symmetry(Metric[NoSettings]):
             chosen = np.flatnonzero(symmetries == count)
             size = np.diff(block.starts)[chosen]
             begin = np.cumsum(size) - size
-            rows = np.repeat(symmetries == count, np.diff(block.starts))
-            of_rows = np.repeat(rows, np.diff(partners.begin))
+            rows: BoolArray | slice = slice(None)
+            of_rows: BoolArray | slice = slice(None)
+            if len(chosen) < pairs:
+                rows = np.repeat(symmetries == count, np.diff(block.starts))
+                of_rows = np.repeat(rows, np.diff(partners.begin))
             shape = (int(size.sum()), count)
             pair_squared[chosen], pair_flipped, nearest, point_flipped = symmetric_errors(
                 block.answer_px[rows], block.squared_px2[rows],
@@ -43,7 +45,7 @@ class Symmetry(Metric[NoSettings]):
             point_squared[chosen] = sum_by_pair(nearest, begin)
             flipped_pairs[chosen] = pair_flipped | (lost[chosen] > 0)
             flipped_points[chosen] = sum_by_pair(point_flipped, begin) + lost[chosen]
-            asked[chosen] = sum_by_pair(block.counted[rows], begin)
+            asked[chosen] = block.pair_counted[chosen]
         put = self.table.put
         put("symmetric_squared_px2", block.pairs, pair_squared)
         put("point_symmetric_squared_px2", block.pairs, point_squared)

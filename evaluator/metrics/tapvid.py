@@ -23,6 +23,7 @@ from pliant.evaluator.metrics.base import (
     listed_figures,
 )
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
@@ -81,15 +82,15 @@ class Tapvid(Metric[TapvidSettings]):
         """
         settings = self.settings
         scale = np.array(settings.scale) / self.context.queries.size
-        offset = (block.answer_px - block.true_px) * scale
-        error = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+        error = endpoint_error_px(block.answer_px, block.true_px, scale)
         predicted = self.context.answers.visible
         if predicted is None:
             predicted_visible = np.ones(len(error), bool)
         else:
             predicted_visible = predicted[block.rows] >= settings.visible_threshold
         right = (predicted_visible == block.counted) & ~block.lost
-        error = np.where(block.lost, np.inf, error)
+        if block.missing is not None:
+            error[block.missing] = np.inf
         # A missing answer is a false positive at every threshold.
         return error, predicted_visible | block.lost, right
 
@@ -188,8 +189,11 @@ def tapvid_pairs(
     count = len(settings.thresholds)
     width = count + 1
     level = threshold_level(scaled_error, settings.thresholds, settings.comparison)
-    key = ((pair * width + level) * 2 + visible) * 2 + predicted_visible
-    cells = np.bincount(key, minlength=pairs * width * 4).reshape(pairs, width, 2, 2)
+    # Of visible, predicted visible and right: small numbers before they become keys.
+    judged = 4 * visible.view(np.uint8) + 2 * predicted_visible.view(np.uint8) + right
+    key = (pair * width + level) * 8 + judged
+    cells = np.bincount(key, minlength=pairs * width * 8).reshape(pairs, width, 2, 2, 2)
+    is_right, cells = cells[..., 1].sum(axis=(1, 2, 3)), cells.sum(axis=4)
     within = np.cumsum(cells, axis=1)[:, :count]  # (P, T, visible, predicted visible)
     total = cells.sum(axis=1)  # (P, visible, predicted visible)
     is_visible = total[:, 1].sum(axis=1)
@@ -197,7 +201,7 @@ def tapvid_pairs(
     false_positives = total[:, :, 1].sum(axis=1)[:, None] - true_positives
     return TapvidPairs(
         queries=total.sum(axis=(1, 2)),
-        right=np.bincount(pair[right], minlength=pairs),
+        right=is_right,
         visible=is_visible,
         within=within[:, :, 1].sum(axis=2),
         true_positives=true_positives,

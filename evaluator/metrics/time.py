@@ -39,8 +39,7 @@ class Time(Metric[TimeSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        squared = block.sum_by_pair(np.where(block.counted, block.squared_px2, 0.0))
-        counted = block.sum_by_pair(block.counted)
+        squared, counted = block.pair_squared_px2, block.pair_counted
         elapsed = self._elapsed[block.pairs]
         self.table.put("time_squared_px2", block.pairs, squared)
         self.table.put("time_counted", block.pairs, counted)

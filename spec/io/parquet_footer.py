@@ -133,19 +133,19 @@ class _Reader:
         found: dict[int, Any] = {}
         number = 0
         while True:
-            head = self._byte()
+            head = self._data[self._at]
+            self._at += 1
             if head == 0:
                 return found
             kind = head & 15
             step = head >> 4
             number = number + step if step else self._zigzag()
-            keep = wanted is not None and number in wanted
-            inner = wanted[number] if wanted is not None and keep else None
             if kind in (_TRUE, _FALSE):
                 continue
-            value = self._value(kind, inner, keep, depth)
-            if keep:
-                found[number] = value
+            if wanted is not None and number in wanted:
+                found[number] = self._value(kind, wanted[number], True, depth)
+            else:
+                self._value(kind, None, False, depth)
 
     def _value(self, kind: int, inner: Any, keep: bool, depth: int) -> Any:
         if kind in _INTEGERS:
@@ -187,15 +187,18 @@ class _Reader:
         return value
 
     def _varint(self) -> int:
-        value = shift = 0
-        while True:
-            byte = self._byte()
-            value |= (byte & 127) << shift
-            if byte < 128:
-                return value
-            shift += 7
+        byte = self._data[self._at]
+        self._at += 1
+        if byte < 128:  # most of them
+            return byte
+        value, shift = byte & 127, 7
+        while byte >= 128:
             if shift > 63:
                 raise ValueError("an integer of more than 64 bits")
+            byte = self._byte()
+            value |= (byte & 127) << shift
+            shift += 7
+        return value
 
     def _zigzag(self) -> int:
         value = self._varint()
