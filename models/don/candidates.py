@@ -51,10 +51,8 @@ def object_and_background(
     order = torch.where(flat, 2.0, draw).topk(max(count, 1), dim=1, sorted=False)
     chosen = order.indices  # (N, M)
     grid = pixel_grid(height, width, 1, descriptors.device)
-    # Whole rows of one long table: much faster than a gather of each value by itself.
-    rows = descriptors.permute(0, 2, 3, 1).reshape(-1, descriptors.shape[1])  # (N h w, D)
-    offset = torch.arange(len(flat), device=flat.device)[:, None] * flat.shape[1]
-    picked = rows.index_select(0, (chosen + offset).flatten()).view(*chosen.shape, -1)
+    at = chosen[:, None].expand(-1, descriptors.shape[1], -1)  # (N, D, M)
+    picked = descriptors.flatten(2).gather(2, at).transpose(1, 2).contiguous()
     return Candidates(picked, grid[chosen], flat.gather(1, chosen))
 
 
