@@ -183,7 +183,12 @@ class DonTask(Task[DonSettings]):
             history_chart(history, {"loss": "loss"}, "Training loss"),
             history_chart(history, _CHARTED, "Validation error", "px"),
         ]
-        write_run_page(run, facts, [Section("Curves", charts=charts)])
+        width, height = self.size
+        text = (
+            "Validation errors of these curves are of the network in training, not calibrated, in "
+            f"pictures of {width}x{height}; those above are of the finished run, as it answers."
+        )
+        write_run_page(run, facts, [Section("Curves", text, charts=charts)])
 
     def _frames(self, split: str, *, whole: bool) -> list[FrameStore]:
         """Return the frames of a split, the run's own first, then those of `also` that have it.

@@ -55,7 +55,12 @@ def draw_validation_pairs(
     """
     if len(store) < 2:
         raise CallError(
-            "validation needs at least two frames", found=len(store), fix="Use a larger split."
+            "validation draws pairs of frames",
+            path=store.root,
+            where=store.where,
+            found="1 frame",
+            required="2 frames or more",
+            fix="Generate more sequences of this split, or set validation.split.",
         )
     drawn = []
     for number in range(pairs):
@@ -78,7 +83,12 @@ def draw_validation_pairs(
             )
         )
     if not drawn:
-        raise CallError("no validation pair has a visible point", found=f"{pairs} pairs tried")
+        raise CallError(
+            "no validation pair has a visible point",
+            path=store.root,
+            where=store.where,
+            found=f"{pairs} pairs tried",
+        )
     return drawn
 
 

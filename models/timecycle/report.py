@@ -39,7 +39,8 @@ def write_timecycle_report(
     over_time = {
         name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
     }
-    axes = "frames since the query", "RMSE, px of 640"
+    unit = "px of 640"
+    axes = "frames since the query", f"RMSE, {unit}"
     propagation = (
         "for each network the read-out was chosen that is best on these episodes (the curves of "
         "the validation are before that)."
@@ -70,7 +71,7 @@ def write_timecycle_report(
                     for part in _PARTS
                     if any(part in row for row in history)
                 ),
-                history_chart(history, errors, "Validation RMSE", "px"),
+                history_chart(history, errors, "Validation RMSE", unit),
             ],
         ),
     ]

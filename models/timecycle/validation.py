@@ -78,7 +78,9 @@ def draw_stretches(
     ]
     if not episodes:
         raise CallError(
-            f"split {settings.split} has no episode of {settings.frames + 1} frames",
+            f"there is no episode of {settings.frames + 1} frames",
+            path=store.root,
+            where=store.where,
             fix="Use longer episodes, or a smaller validation.frames",
         )
     stretches = []
