@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.metrics.blocks import positions_px
+from pliant.evaluator.metrics.blocks import SplitTables, positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
 from pliant.evaluator.submission.answers import PlacedAnswers
-from pliant.evaluator.submission.queries import Queries, read_columns
+from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import VISIBILITY_STATES, VISIBLE
 from pliant.spec.io.parquet_columns import codes
@@ -75,7 +74,7 @@ def choose_examples(
     answers: PlacedAnswers,
     queries: Queries,
     columns: Mapping[str, FloatArray],
-    truth: Path,
+    tables: SplitTables,
     causes: Codes | None = None,
 ) -> tuple[Example, ...]:
     """Return pairs of each tier, from the best to the worst by RMSE.
@@ -84,16 +83,14 @@ def choose_examples(
         answers: The answers.
         queries: The queries.
         columns: The pair table.
-        truth: The truth file.
+        tables: The truth and the query pixels.
         causes: uint8 (R,), the cause of each answer as its index in `CAUSES`, or None.
     """
-    if "sum_squared_px2" not in columns:
+    if "sum_squared_px2" not in columns or tables.asked is None:
         return ()
     counted = columns["counted"]
     rmse = np.sqrt(columns["sum_squared_px2"] / np.maximum(counted, 1))
     most = max(2, _MOST_PAIRS // len(queries.tiers))
-    asked = read_columns(queries.path, ["u_a", "v_a"])
-    true = read_columns(truth, ["u_b", "v_b", "visibility_b"])
     examples = []
     for code in range(len(queries.tiers)):
         pairs = np.flatnonzero((queries.tier == code) & (counted > 0))
@@ -101,7 +98,7 @@ def choose_examples(
         chosen = np.unique(np.linspace(0, max(len(order) - 1, 0), most).round().astype(int))
         for place in chosen[: len(order)].tolist():
             pair = int(order[place])
-            found = _rows(pair, answers, queries, asked, true, causes)
+            found = _rows(pair, answers, queries, tables.asked, tables.truth, causes)
             examples.append(
                 Example(
                     rank=place + 1,

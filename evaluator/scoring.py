@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,7 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
-from pliant.evaluator.metrics.blocks import BLOCK_ROWS, Block, read_blocks
+from pliant.evaluator.metrics.blocks import BLOCK_ROWS, read_blocks, read_tables
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
@@ -82,7 +82,18 @@ def score(
         hints, controls = TruthHints(answers, queries), Controls(queries.rows)
     observers: list[Metric[Any] | TruthHints | Controls] = [*metrics]
     observers += [each for each in (hints, controls) if each is not None]
-    blocks = _blocks(loaded, truth, protocol, context, metrics, hide_truth, has_images)
+    tables = None
+    if isinstance(loaded.answers, PlacedMatches):
+        footprints = protocol.settings["matches"].visible_within_footprints
+        blocks = match_blocks(loaded.answers, context, footprints)
+    else:
+        truth_columns = sorted({column for each in metrics for column in each.truth_columns})
+        query_pixels = not hide_truth or any(each.query_pixels for each in metrics)
+        tables = read_tables(queries, truth, truth_columns, query_pixels=query_pixels)
+        rows = min(BLOCK_ROWS, _PAIRS_WITH_IMAGES * -(-queries.rows // queries.pairs))
+        blocks = read_blocks(
+            queries, tables, loaded.answers, rows if has_images else None, cap_errors=hide_truth
+        )
     if workers > 1 and has_images and (has_causes or "geodesic" in protocol.settings):
         blocks = looked_up_ahead(blocks, context.surfaces, queries, workers)
     for block in blocks:
@@ -102,9 +113,9 @@ def score(
     }
     columns = context.table.columns
     examples: tuple[Example, ...] = ()
-    if answers is not None and not hide_truth:
+    if answers is not None and tables is not None and not hide_truth:
         codes = None if causes is None else causes.codes
-        examples = choose_examples(answers, queries, columns, truth, codes)
+        examples = choose_examples(answers, queries, columns, tables, codes)
     sentences = [] if answers is None else coordinate_hints(answers, queries)
     sentences += [] if hints is None else hints.found()
     return Scores(document, pair_table(queries, columns), examples, tuple(sentences))
@@ -121,32 +132,6 @@ def _context(
     surfaces = Surfaces(dataset, search_px, reach_px, silhouettes=silhouettes)
     rows = answers.answers if isinstance(answers, PlacedMatches) else answers
     return ScoringContext(dataset, queries, rows, PairTable(queries.pairs, names), surfaces)
-
-
-def _blocks(
-    loaded: Loaded,
-    truth: Path,
-    protocol: Protocol,
-    context: ScoringContext,
-    metrics: Iterable[Metric[Any]],
-    hide_truth: bool,
-    has_images: bool,
-) -> Iterator[Block]:
-    """Yield the split, or its keypoint matches, with the truth that the metrics need."""
-    queries = loaded.queries
-    if isinstance(loaded.answers, PlacedMatches):
-        footprints = protocol.settings["matches"].visible_within_footprints
-        return match_blocks(loaded.answers, context, footprints)
-    rows_with_images = min(BLOCK_ROWS, _PAIRS_WITH_IMAGES * -(-queries.rows // queries.pairs))
-    return read_blocks(
-        queries,
-        truth,
-        loaded.answers,
-        truth_columns=sorted({column for each in metrics for column in each.truth_columns}),
-        query_pixels=not hide_truth or any(each.query_pixels for each in metrics),
-        block_rows=rows_with_images if has_images else None,
-        cap_errors=hide_truth,
-    )
 
 
 def _summary(

@@ -168,14 +168,49 @@ class Block:
         return sum_by_pair(values, self.starts[:-1])
 
 
+@dataclass(frozen=True, eq=False)
+class SplitTables:
+    """The columns of a split that are read once and looked at block by block.
+
+    Attributes:
+        path: The truth file.
+        truth: Position, state and further columns, one row for each query.
+        asked: The query pixels, if asked for.
+    """
+
+    path: Path
+    truth: pa.Table
+    asked: pa.Table | None
+
+
+def read_tables(
+    queries: Queries, truth: Path, truth_columns: Sequence[str] = (), *, query_pixels: bool = False
+) -> SplitTables:
+    """Read the truth of a split, and its query pixels.
+
+    Args:
+        queries: The split's queries.
+        truth: The truth file.
+        truth_columns: Any of `point`, `box_px`, `alternatives`, read with position and state.
+        query_pixels: Whether `uv_a_px` is wanted.
+
+    Raises:
+        SpecError: The truth is damaged or has another number of rows.
+    """
+    names = ["pair_id", "query_id", "u_b", "v_b", "visibility_b", *truth_columns]
+    truths = read_columns(truth, names)
+    if len(truths) != queries.rows:
+        raise foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
+    asked = read_columns(queries.path, ["u_a", "v_a"]) if query_pixels else None
+    return SplitTables(truth, truths, asked)
+
+
 def read_blocks(
     queries: Queries,
-    truth: Path,
+    tables: SplitTables,
     answers: PlacedAnswers,
-    *,
-    truth_columns: Sequence[str] = (),
-    query_pixels: bool = False,
     block_rows: int | None = None,
+    *,
     cap_errors: bool = False,
 ) -> Iterator[Block]:
     """Yield the split block by block, in order.
@@ -185,10 +220,8 @@ def read_blocks(
 
     Args:
         queries: The split's queries.
-        truth: The truth file; its keys must be those of the queries, row by row.
+        tables: Its truth, whose keys must be those of the queries, row by row.
         answers: The answers in the order of the queries.
-        truth_columns: Any of `point`, `box_px`, `alternatives`, read with position and state.
-        query_pixels: Whether `uv_a_px` is wanted.
         block_rows: About so many queries a block; None takes `BLOCK_ROWS`.
         cap_errors: Move answers to visible points that are further off than the image diagonal
             towards the truth, up to that distance.
@@ -196,17 +229,13 @@ def read_blocks(
     Raises:
         SpecError: The truth is damaged or does not belong to these queries.
     """
-    names = ["pair_id", "query_id", "u_b", "v_b", "visibility_b", *truth_columns]
-    truths = read_columns(truth, names)
-    if len(truths) != queries.rows:
-        raise foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
-    asked = read_columns(queries.path, ["u_a", "v_a"]) if query_pixels else None
+    truth, asked, names = tables.path, tables.asked, tables.truth.column_names
     complete = answers.answered == queries.rows
     changes = np.flatnonzero(np.diff(queries.sequence_b)) + 1
     for first_pair, end_pair in _spans(queries.starts, changes, block_rows or BLOCK_ROWS):
         first, end = int(queries.starts[first_pair]), int(queries.starts[end_pair])
         starts = queries.starts[first_pair : end_pair + 1] - first
-        table = truths.slice(first, end - first)
+        table = tables.truth.slice(first, end - first)
         _check_keys(table, truth, first_pair, first, starts)
         state, true_px = _positions(table, truth)
         answer_px = answers.uv_px[first:end]
@@ -224,11 +253,9 @@ def read_blocks(
             uv_a_px=None
             if asked is None
             else positions_px(asked.slice(first, end - first), "u_a", "v_a"),
-            point=table["point"].to_numpy().astype(np.int64) if "point" in truth_columns else None,
-            box_px=table["box_px"].to_numpy().astype(np.float64)
-            if "box_px" in truth_columns
-            else None,
-            partners=_partners(table["alternatives"]) if "alternatives" in truth_columns else None,
+            point=table["point"].to_numpy().astype(np.int64) if "point" in names else None,
+            box_px=table["box_px"].to_numpy().astype(np.float64) if "box_px" in names else None,
+            partners=_partners(table["alternatives"]) if "alternatives" in names else None,
         )
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from pliant.evaluator.metrics import blocks
 from pliant.evaluator.metrics.base import Metric
-from pliant.evaluator.metrics.blocks import read_blocks
+from pliant.evaluator.metrics.blocks import read_blocks, read_tables
 from pliant.evaluator.submission.answers import PlacedAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SpecError
@@ -55,9 +55,11 @@ ANSWERS = np.concatenate([off_by(3, 0, 500, 4), [[700, 10]]])
 
 def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:
     queries, truth = written(tmp_path)
-    (block,) = read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5), cap_errors=True)
+    (block,) = read_blocks(
+        queries, read_tables(queries, truth), PlacedAnswers(ANSWERS, answered=5), cap_errors=True
+    )
     np.testing.assert_array_equal(block.answer_px, [*off_by(3, 0, 50, 4), [700, 10]])
-    (block,) = read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5))
+    (block,) = read_blocks(queries, read_tables(queries, truth), PlacedAnswers(ANSWERS, answered=5))
     np.testing.assert_array_equal(block.answer_px, ANSWERS)
     # A length that is the bound stays as it is, to the last bit.
     answer = np.array([[0.1, 0.7]])
@@ -85,7 +87,7 @@ def test_a_target_sequence_is_in_one_block_if_it_fits(
     queries, truth = written(tmp_path)
     queries = replace(queries, sequence_b=np.array(sequences, np.int32))
     answers = PlacedAnswers(ANSWERS, answered=5)
-    found = list(read_blocks(queries, truth, answers, block_rows=block_rows))
+    found = list(read_blocks(queries, read_tables(queries, truth), answers, block_rows=block_rows))
     assert [block.pairs.stop for block in found] == ends
     assert [block.pairs.start for block in found] == [0, *ends[:-1]]
     np.testing.assert_array_equal(np.concatenate([each.answer_px for each in found]), ANSWERS)
@@ -105,7 +107,14 @@ def test_a_target_sequence_is_in_one_block_if_it_fits(
 def test_a_truth_that_is_refused(columns: dict[str, Any], said: str, tmp_path: Path) -> None:
     queries, truth = written(tmp_path, **columns)
     with pytest.raises(SpecError, match=said):
-        list(read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5), block_rows=3))
+        list(
+            read_blocks(
+                queries,
+                read_tables(queries, truth),
+                PlacedAnswers(ANSWERS, answered=5),
+                block_rows=3,
+            )
+        )
 
 
 def test_a_truth_of_more_rows_is_refused(tmp_path: Path) -> None:
@@ -113,7 +122,7 @@ def test_a_truth_of_more_rows_is_refused(tmp_path: Path) -> None:
     longer = pq.read_table(truth)
     pq.write_table(pa.concat_tables([longer, longer.slice(4)]), truth)
     with pytest.raises(SpecError, match="6 rows; required: 5 rows"):
-        list(read_blocks(queries, truth, PlacedAnswers(ANSWERS, answered=5)))
+        list(read_blocks(queries, read_tables(queries, truth), PlacedAnswers(ANSWERS, answered=5)))
 
 
 @pytest.mark.parametrize("wrong", ["dataset_id", "dataset_version", "split", "sha"])
