@@ -60,7 +60,7 @@ def open_plugin(reference: str, options: Mapping[str, Any]) -> Matcher | SplitMa
     for part in name.split("."):
         found = _attribute(found, part, reference)
     made = make(found, reference, options)
-    return as_matcher(made, reference if entry else name)
+    return as_matcher(made, reference if entry else name, options)
 
 
 def make(found: Any, name: str, options: Mapping[str, Any]) -> Any:
@@ -143,10 +143,17 @@ def _imported(name: str, reference: str) -> ModuleType:
 def _attribute(owner: Any, name: str, reference: str) -> Any:
     if hasattr(owner, name):
         return getattr(owner, name)
-    public = [each for each, value in vars(owner).items() if callable(value) and each[0] != "_"]
+    public = [
+        each
+        for each, value in vars(owner).items()
+        if callable(value)
+        and each[0] != "_"
+        and getattr(value, "__module__", None) == getattr(owner, "__name__", "")
+    ]
     close = difflib.get_close_matches(name, public, n=1)
     raise CallError(
         f"there is no {name!r} in it",
         where=reference,
+        required=f"one of {', '.join(public)}" if 0 < len(public) <= 12 else None,
         fix=f"Did you mean {close[0]}?" if close else None,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import json
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -21,7 +22,9 @@ ABILITIES: Final = ("answer", "answer_split", "match", "track")
 """An object with one of these methods is a matcher."""
 
 
-def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatcher:
+def as_matcher(
+    method: object, name: str | None = None, options: Mapping[str, Any] = {}
+) -> Matcher | SplitMatcher:
     """Return a matcher made of an object or a function.
 
     An object without `name` or `describe` receives defaults. One that only has `match` answers
@@ -32,6 +35,7 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
         method: A matcher, an object with one of its methods, or a function
             (source, target, queries (N, 2)) -> positions (N, 2) or `Answers`.
         name: Name for an object that has none; None takes its class's.
+        options: What it was made with, for the default description.
 
     Raises:
         CallError: It is none of these.
@@ -53,12 +57,13 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
                 required="a name, an object with `answer`, `match` or `track`, or a function "
                 "(source, target, queries) -> positions",
             )
-        return from_function(chosen, name)
+        check_takes_queries(chosen)
+        return FunctionMatcher(chosen, name, options)
     kind = type(chosen)
     _check_answer(chosen)
     _fill(chosen, "name", name or kind.__name__)
     implementation = f"{kind.__module__}.{kind.__qualname__}"
-    _fill(chosen, "describe", functools.partial(_description, implementation))
+    _fill(chosen, "describe", functools.partial(dict, _facts(implementation, options)))
     if not (hasattr(chosen, "answer") or hasattr(chosen, "answer_split")):
         if not hasattr(chosen, "match"):
             _fill(chosen, "answer", functools.partial(_answer_by_track, chosen))
@@ -90,8 +95,13 @@ def _check_answer(method: Any) -> None:
         return
 
 
-def _description(implementation: str) -> Mapping[str, Any]:
-    return {"implementation": implementation}
+def _facts(implementation: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what describes a method without `describe`; of values that JSON lacks, their text."""
+    facts: dict[str, Any] = {"implementation": implementation}
+    if options:
+        text = json.dumps(dict(options), default=lambda value: f"{value!r:.80}")
+        facts["options"] = json.loads(text)
+    return facts
 
 
 def _answer_by_track(tracker: TrackMatcher, pair: Pair) -> Answers | None:
@@ -123,15 +133,18 @@ class FunctionMatcher:
         function: Returns one position (u, v) per query, with the centre of the first pixel at
             (0.5, 0.5), or `Answers`.
         name: Name of the method; None takes the function's.
+        options: What it is called with besides, for the submission's footer.
     """
 
-    def __init__(self, function: MatchFunction, name: str | None = None) -> None:
-        self._function = function
+    def __init__(
+        self, function: MatchFunction, name: str | None = None, options: Mapping[str, Any] = {}
+    ) -> None:
+        self._function, self._facts = function, _facts("a Python function", options)
         self.name = name or function_name(function)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
-        return {"implementation": "a Python function"}
+        return self._facts
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""

@@ -53,7 +53,8 @@ def test_class_of_a_file_with_options(
     asked = np.concatenate([pair.queries for pair in cards.pairs("test")])
     np.testing.assert_allclose(read_table(out, "answers")["u"], asked[:, 0] + 3)
     assert read_footer(out)["method"] == {
-        "name": "Shift", "implementation": f"{methods_file.stem}.Shift", "mask": "given"
+        "name": "Shift", "implementation": f"{methods_file.stem}.Shift", "mask": "given",
+        "options": {"du": 3, "dv": -1.5},
     }  # fmt: skip
 
 
@@ -73,6 +74,9 @@ def test_every_kind_of_object(
 ) -> None:
     method = pliant.open_method(f"{methods_file}:{name}", **options)
     np.testing.assert_array_equal(moved(cards, method), [by])
+    described: dict[str, Any] = dict(method.describe())
+    if "implementation" in described:  # it has no `describe` of its own
+        assert described.get("options", {}) == options
 
 
 def test_module_in_the_working_folder(
@@ -111,6 +115,7 @@ def test_workers_answer_with_a_class_of_a_file(methods_file: Path, cards: Datase
     [
         ("", {}, "the class is missing.*Name it after a colon: .*:Matcher"),
         (":Shfit", {}, "there is no 'Shfit' in it.*Did you mean Shift"),
+        (":Matcher", {}, "there is no 'Matcher' in it; required: one of Shift, .*function"),
         (":Shift", {"dx": 1}, "unexpected keyword argument 'dx'; found dx=1; .*options du, dv"),
         (":factory", {}, "missing a required argument: 'amount'; found no options"),
         (":ready", {"du": 1}, "takes no options; found du"),
@@ -242,6 +247,16 @@ def test_completed_object_keeps_what_it_has_and_can_be_sent() -> None:
     assert matcher.describe() == {"radius": 3, "interpolation": "affine, 8 nearest matches"}
     completed = pickle.loads(pickle.dumps(as_matcher(BadMatches(), "sent")))
     assert completed.name == "sent"
+
+
+def test_options_are_recorded_for_a_method_that_does_not_describe_itself() -> None:
+    class Bare:
+        def answer(self, pair: Pair) -> Any:
+            raise NotImplementedError
+
+    described = as_matcher(Bare(), "bare", {"radius": 5, "places": Path("a")}).describe()
+    assert described["options"] == {"radius": 5, "places": "PosixPath('a')"}
+    assert "options" not in as_matcher(Bare()).describe()
 
 
 def test_missing_extra_is_listed(called: Called, monkeypatch: pytest.MonkeyPatch) -> None:
