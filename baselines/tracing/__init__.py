@@ -10,7 +10,7 @@ from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.strands import Skeleton
 from pliant.baselines.tracing.tilt import Nadir
-from pliant.baselines.tracing.transfer import Located, located, placed
+from pliant.baselines.tracing.transfer import Located, located, pair_log_odds, placed
 
 __all__ = [
     "Crossing",
@@ -31,6 +31,7 @@ __all__ = [
     "has_ball",
     "located",
     "mask_remarks",
+    "pair_log_odds",
     "placed",
     "rectified",
     "rope_traces",

@@ -63,14 +63,13 @@ class Trace:
 
     @property
     def score(self) -> float:
-        """How plausible it is; 1 at most."""
-        return self.coverage - self.retraced - TRACING.bend_weight * self.bend
+        """How plausible it is, in units of coverage; 1 at most."""
+        doubts = TRACING.retraced_weight * self.retraced + TRACING.bend_weight * self.bend
+        return self.coverage - doubts
 
     @functools.cached_property
     def bend(self) -> float:
-        """Sum of its squared turns, rad², between chords of one width; 0 unless it is slender."""
-        if self.length_px <= TRACING.slender * self.half_px:
-            return 0.0
+        """Sum of its squared turns, rad², between chords of one width."""
         every = round(2 * self.half_px / self.length_px * (len(self.uv_px) - 1))
         chords = np.diff(self.uv_px[:: max(1, every)], axis=0)
         heading = np.arctan2(chords[:, 1], chords[:, 0])
@@ -99,9 +98,10 @@ def rope_traces(
     """Return the ways to read a mask as one rope.
 
     Gaps in it are bridged first, and a rope that leaves the picture and comes back is joined
-    outside (`bridging.py`). Readings start at the rope's ball where there is one, and at both
-    ends otherwise. With a likelihood, paths sampled from the model of `chain.py` are added: they
-    need no start.
+    outside (`bridging.py`). Readings are walks along the mask (`walk.py`) and the straightest paths
+    along all of its strands (`strands.py`). They start at the rope's ball where there is one, and
+    at both ends otherwise. With a likelihood, paths sampled from the model of `chain.py` are added:
+    they need no start.
 
     Args:
         mask: bool (H, W), the rope.
@@ -153,11 +153,10 @@ def _readings(
     whole_px = half_width_px(depth_in_mask(without_small_holes(small)))
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)
-    deep_px = max(float(np.percentile(depth[small], 80)), 0.8)
-    length_px = float(small.sum() / (2 * deep_px))
-    if length_px > TRACING.slender * deep_px:
-        paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
+    paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
     if likelihood is not None:
+        deep_px = max(float(np.percentile(depth[small], 80)), 0.8)
+        length_px = float(small.sum() / (2 * deep_px))
         pixels = np.argwhere(small | other)
         found = likelihood((pixels[:, ::-1] + 0.5) * factor)
         found[~shown[tuple(pixels.T)]] = 1.0  # what covers the rope says nothing of it
@@ -243,21 +242,29 @@ def _measured(
     in_image, length_px = evenly_spaced(path_px, TRACING.stations, nadir)
     stations = in_image / factor
     covered = _covered(stations, mask.shape, half_px + 1)
-    sparse = stations[::3]
-    way = np.gradient(sparse, axis=0)
-    way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
-    gap = np.sqrt(sum(np.subtract.outer(axis, axis) ** 2 for axis in sparse.T))
-    parallel = np.abs(way @ way.T) > 0.9
-    number = np.arange(len(sparse))
-    apart = np.abs(number[:, None] - number[None]) > 0.07 * len(sparse)
     return Trace(
         uv_px=in_image,
         length_px=length_px,
         half_px=rope_half_px,
         nadir=nadir,
         coverage=float(covered[mask].mean()),
-        retraced=float(((gap < 2) & parallel & apart).any(axis=1).mean()),
+        retraced=_retraced(stations[::3]),
     )
+
+
+def _retraced(places: FloatArray) -> float:
+    """Return the share of places (N, 2) at which a line follows another part of itself."""
+    number = np.arange(len(places))
+    apart = np.abs(np.subtract.outer(number, number)) > 0.07 * len(places)
+    way = np.gradient(places, axis=0)
+    spacing = np.linalg.norm(way, axis=1, keepdims=True)
+    way /= spacing + 1e-9
+    parallel = np.abs(way @ way.T) > 0.9
+    gap = places[None] - places[:, None]  # from a place (row) to each other one
+    along = np.einsum("ijk,ik->ij", gap, way)
+    across = np.einsum("ijk,ik->ij", gap, way[:, ::-1] * [-1, 1])
+    there = (np.abs(along) <= spacing) & (np.abs(across) < 2)
+    return float((there & parallel & apart).any(axis=1).mean())
 
 
 def _covered(stations: FloatArray, shape: tuple[int, ...], radius_px: float) -> Mask:

@@ -13,7 +13,7 @@ class TracingSettings:
     *Geometry*: follows from the shape of strands, masks and cameras. *Compared*: the best of
     several values on validation pairs of rendered ropes (`docs/design-notes.md`). *Cost*: larger
     values cost time. *Unrecorded*: it works, and the history does not say what else was tried. No
-    value was chosen on real pictures or on a test split; that `slender` is needed was seen on one.
+    value was chosen on real pictures or on a test split.
 
     Lengths are in half widths of the rope unless the name says otherwise.
 
@@ -79,11 +79,11 @@ class TracingSettings:
         slant_widths: Of the median; wider are strands side by side (geometry).
         slant_residual_px: Widths scatter by this at least (geometry: pixels).
         slant_fill: Share of the frame that a rectified rope fills at most (unrecorded).
-        slender: Ropes longer than this, in half widths, are also read along all strands, and bends
-            count (compared: the usual ropes have up to 152, thin ones 195 to 574; on the usual
-            ones both bring nothing, `docs/design-notes.md`).
-        bend_weight: Of a trace's bend against its coverage (compared: 0 to 0.1 on ropes and cables;
-            0.003 and 0.01 are best).
+        bend_weight: Of a trace's bend, rad², against its coverage (compared: 0 to 0.1 on ropes and
+            cables; 0.003 and 0.01 are best).
+        retraced_weight: Of its retraced share, likewise (fitted, with the next, to 700 pairs of
+            rendered ropes: log odds that both traces of a pair are right).
+        coverage_weight: Of both scores against the logarithm of the lengths' ratio.
         strands_most: Of a mask; with more, the search takes too long (cost).
         strands_paths: Paths returned (cost).
         strands_looks: Steps of the search (cost).
@@ -169,8 +169,9 @@ class TracingSettings:
     slant_widths: tuple[float, float] = (0.6, 1.35)
     slant_residual_px: float = 0.6
     slant_fill: float = 0.86
-    slender: float = 180.0
     bend_weight: float = 0.003
+    retraced_weight: float = 0.04
+    coverage_weight: float = 30.0
     strands_most: int = 16
     strands_paths: int = 8
     strands_looks: int = 4000

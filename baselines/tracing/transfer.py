@@ -10,8 +10,6 @@ h cos(a) t (x - x_0) / f further along than the middle, which is lower.
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +19,7 @@ import numpy.typing as npt
 
 from pliant.baselines.tracing.crossings import nearest_stations
 from pliant.baselines.tracing.hypotheses import Trace
+from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray
 
 
@@ -79,16 +78,22 @@ def _parallax_px(trace: Trace, station: npt.NDArray[np.int64], angle: FloatArray
     return np.asarray(trace.half_px * np.cos(angle) * trace.sight[station, 0])
 
 
-def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, Trace]:
-    """Return the traces that fit together best: both plausible, and of one length.
+def pair_log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> FloatArray:
+    """Return what T and U traces say themselves for each pair being right, float64 (T, U).
+
+    It is 30 (q + q') - |log(l / l')|, with q the score and l the length of either trace.
 
     Args:
         source: Traces in one image.
         target: Traces in the other.
     """
+    longer = np.subtract.outer(*(np.log([each.length_px for each in e]) for e in (source, target)))
+    scores = np.add.outer(*([each.score for each in traces] for traces in (source, target)))
+    return np.asarray(TRACING.coverage_weight * scores - np.abs(longer))
 
-    def score(pair: tuple[Trace, Trace]) -> float:
-        a, b = pair
-        return a.score + b.score - abs(math.log(a.length_px / b.length_px))
 
-    return max(itertools.product(source, target), key=score)
+def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, Trace]:
+    """Return the traces that fit together best: both plausible, and of one length."""
+    best = int(pair_log_odds(source, target).argmax())
+    a, b = divmod(best, len(target))
+    return source[a], target[b]

@@ -41,6 +41,7 @@ from pliant.baselines.tracing import (
     completed,
     has_ball,
     located,
+    pair_log_odds,
     placed,
 )
 from pliant.baselines.tracing.settings import TRACING
@@ -51,9 +52,6 @@ from pliant.spec.frame import Frame
 SIGMA_SHARE: Final = 1 / 213
 """Standard deviation of a traced place, as a share of the image's width."""
 
-_COVERAGE: Final = 30.0
-_RETRACED: Final = 1.2
-_LENGTH: Final = 1.0
 _AGREEMENT: Final = 0.7
 _PAIRS: Final = 200
 _EVERY: Final = 5
@@ -259,7 +257,7 @@ def traced_places(
     gap = _descriptor_gap(source.along(), target.along(), scale)
     if either_way:
         gap = np.minimum(gap, _descriptor_gap(source.along(), target.along().flip(1), scale))
-    log_odds = _log_odds(source.traces, target.traces) - _AGREEMENT * gap
+    log_odds = pair_log_odds(source.traces, target.traces) - _AGREEMENT * gap
     best = np.argsort(-log_odds, axis=None, kind="stable")[:_PAIRS]
     pairs = [divmod(int(number), len(target.traces)) for number in best]
     weight = softmax(log_odds.flat[best])
@@ -281,21 +279,6 @@ def traced_places(
     swapped = (against[1] < against[0])[:, None, None]
     one, other = np.where(swapped, other, one), np.where(swapped, one, other)
     return TracedPlaces(one, weight, sigma_px, other)
-
-
-def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> FloatArray:
-    """Return what T and U traces themselves say for each pair, float64 (T, U)."""
-    own, length = [], []
-    for traces in (source, target):
-        own.append(
-            [
-                _COVERAGE * (each.coverage - TRACING.bend_weight * each.bend)
-                - _RETRACED * each.retraced
-                for each in traces
-            ]
-        )
-        length.append(np.log([each.length_px for each in traces]))
-    return np.add.outer(*own) - _LENGTH * abs(np.subtract.outer(*length))
 
 
 def _descriptor_gap(source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor) -> FloatArray:

@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 from pliant.baselines.tracing import Nadir, Trace, rope_traces
 from pliant.baselines.tracing.centring import evenly_spaced
 from pliant.baselines.tracing.depth_in_mask import working_factor
+from pliant.baselines.tracing.hypotheses import _retraced
 from pliant.baselines.tracing.strands import straightest_paths, thinned
 from tests.baselines.tracing.drawn_strands import SIZE, drawn
 
@@ -36,8 +37,7 @@ def test_a_loop_that_lies_against_its_rope_is_passed(turns: float, half_px: floa
     mask = drawn(line, half_px)
     first = straightest_paths(mask, half_px, None)[0]
     assert off_px(first, line) < 2 * half_px + 2
-    if half_px < 3:  # a thick rope is read without them
-        assert off_px(rope_traces(mask)[0].uv_px, line) < half_px + 1.5
+    assert off_px(rope_traces(mask)[0].uv_px, line) < half_px + 1.5
 
 
 def test_crossings_are_passed_straight() -> None:
@@ -53,6 +53,7 @@ def test_crossings_are_passed_straight() -> None:
     assert np.linalg.norm(best[0][0] - line[-1]) < 10  # it begins where it was told to
     backwards = evenly_spaced(line[::-1], 400)[0]
     assert np.linalg.norm(best[0] - backwards, axis=1).max() < 14
+    assert off_px(rope_traces(mask)[0].uv_px, line) < 14
 
 
 KNOT = """-15 -47, -12 -41, -9 -35, -6 -29, -4 -23, -2 -16, -1 -11, 2 -5, 5 1, 7 6, 8 11, 7 17,
@@ -111,9 +112,9 @@ def test_thin_ropes_are_read_at_a_finer_scale(half_px: float, factor: int) -> No
 
 
 def test_a_kink_bends_more_than_an_arc() -> None:
-    def trace(line: np.ndarray, half_px: float = 1.5) -> Trace:
+    def trace(line: np.ndarray) -> Trace:
         places, length = evenly_spaced(line, 600)
-        return Trace(places, length, half_px, 1.0, 0.0, Nadir.of_image(SIZE))
+        return Trace(places, length, 1.5, 1.0, 0.0, Nadir.of_image(SIZE))
 
     straight = np.stack([np.linspace(0, 300, 50), np.zeros(50)], axis=1)
     t = np.linspace(0, np.pi / 2, 100)
@@ -122,6 +123,22 @@ def test_a_kink_bends_more_than_an_arc() -> None:
     assert trace(straight).bend == pytest.approx(0, abs=1e-12)
     # A quarter of a circle of 314 px has 99 to 105 chords of 3 px: n (pi / 2n)^2.
     assert trace(arc).bend == pytest.approx((np.pi / 2) ** 2 / 102, rel=0.05)
-    assert trace(corner, half_px=5.0).bend == 0  # not slender: bends do not count
     assert trace(corner).bend > 8 * trace(arc).bend
     assert trace(arc).score < trace(straight).score < 1.001
+
+
+def test_a_loop_that_is_passed_twice_is_retraced() -> None:
+    """The stations of one passage are between those of the other."""
+    t = np.linspace(-np.pi / 2, 5 * np.pi - np.pi / 2, 5000)
+    rings = np.stack([320 + 90 * np.cos(t), 240 + 90 * np.sin(t)], axis=1)
+    tails = [np.stack([np.linspace(120, 320, 700), np.full(700, y)], axis=1) for y in (150, 330)]
+    once, twice = rings[np.abs(t) < np.pi / 2], rings
+
+    def retraced(round_px: np.ndarray) -> float:
+        line = np.concatenate([tails[0], round_px, tails[1][::-1]])
+        return _retraced(evenly_spaced(line, 100)[0])
+
+    # In 2.5 rounds every place of the ring is passed twice at least.
+    rounds_px, tails_px = 5 * np.pi * 90, 400
+    assert retraced(once) == 0
+    assert retraced(twice) == pytest.approx(rounds_px / (rounds_px + tails_px), abs=0.04)
