@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import functools
+import json
 import textwrap
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any, Final
 
@@ -51,6 +53,7 @@ def environment(package: str) -> jinja2.Environment:
     made.filters["data_uri"] = data_uri
     made.globals["chart_scripts"] = _chart_scripts
     made.filters["fill"] = _fill
+    made.filters["fact_text"] = fact_text
     return made
 
 
@@ -66,6 +69,18 @@ def _chart_scripts() -> Markup:
 def data_uri(content: bytes, media_type: str = "image/png") -> str:
     """Return a file as an address that contains it."""
     return f"data:{media_type};base64,{base64.b64encode(content).decode()}"
+
+
+def fact_text(value: Any) -> Any:
+    """Return a value of a footer as a reader expects it: JSON's words, mappings as key: value."""
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{key}: ({fact_text(each)})"
+            if isinstance(each, Mapping)
+            else f"{key}: {fact_text(each)}"
+            for key, each in value.items()
+        )
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _fill(text: str) -> str:

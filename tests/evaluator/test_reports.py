@@ -105,6 +105,16 @@ def test_the_page_is_whole_and_loads_nothing(reports: Path) -> None:
         assert f'aria-label="{chart}"' in text
 
 
+def test_facts_of_a_method_are_read_without_python(reports: Path, tmp_path: Path) -> None:
+    scores = read_scores(reports / "near")
+    facts = {"masks": True, "size": [160, 120], "blur": {"px": 1.5, "by": None}}
+    scores.document["submission"]["method"]["input"] = facts
+    write_report(scores, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    said = "masks: true, size: [160, 120], blur: (px: 1.5, by: null)"
+    assert f"<dt>Method: input</dt><dd><code>{said}</code></dd>" in page
+
+
 def test_a_report_without_images_or_distribution_is_complete(
     scene_maker: Any, tmp_path: Path
 ) -> None:
