@@ -105,3 +105,9 @@ def test_the_package_itself(name: str) -> None:
     moved = Motion(Similarity(), Similarity(angle_deg=40, centre=(121.7, 98.2)))
     method: Any = pliant.open_method(f"vismatch:{name}")
     assert np.median(moved.error(method.answer(moved.pair).uv_px)) < 1.5
+
+
+def test_the_control_that_the_page_compares_with() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "published-networks.md").read_text()
+    figures = pliant.evaluate("sample", pliant.predict("sample", "random")).overall
+    assert f"`random` has {figures['rmse_px']:.1f} / {figures['median_px']:.1f} px" in page
