@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import shutil
 import sys
@@ -32,7 +33,8 @@ def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
         new: Replace only an empty folder, also where another process fills it in the meantime.
 
     Raises:
-        CallError: The folder cannot be written: no space, no permission, or there is one.
+        CallError: The folder cannot be written: no space, no permission (also where an earlier
+            one is read-only), or there is one.
     """
     folder = folder.resolve()
     if new:
@@ -41,6 +43,8 @@ def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
     made = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     earlier = folder.with_name(f".{folder.name}.{os.getpid()}.earlier")
     try:
+        if folder.exists() and not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         folder.parent.mkdir(parents=True, exist_ok=True)
         made.mkdir()
         yield made

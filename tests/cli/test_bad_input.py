@@ -6,7 +6,6 @@ and no traceback.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shutil
 import subprocess
@@ -20,6 +19,7 @@ from _pytest.mark import ParameterSet
 from PIL import Image
 
 from pliant.cli.main import COMMANDS, run
+from tests.privilege import without_privilege
 
 INPUTS = [
     # The input that is replaced, and the call; OUT is a new path.
@@ -249,17 +249,10 @@ def test_input_without_read_permission_is_one_sentence(
         [sys.executable, "-c", "from pliant.cli.main import main; main()", *words],
         capture_output=True,
         text=True,
-        preexec_fn=_without_privilege,
+        preexec_fn=without_privilege,
         timeout=600,
     )
     assert done.returncode in (1, 2), done
     _is_one_sentence(words, done.stdout, done.stderr)
     shown = (done.stdout + done.stderr).lower()
     assert "permission denied" in shown or "not readable" in shown
-
-
-def _without_privilege() -> None:
-    """Let the next program neither read nor search what its mode forbids (Linux)."""
-    set_bounding = 24
-    for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
-        ctypes.CDLL(None).prctl(set_bounding, capability, 0, 0, 0)

@@ -14,6 +14,7 @@ import pytest
 from pliant.spec.errors import CallError
 from pliant.spec.io.staging import is_left_alone, staged, staged_both
 from pliant.spec.io.writing import replacing
+from tests.privilege import without_privilege
 
 PROGRAM = """
 import signal, sys, time
@@ -71,6 +72,37 @@ def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
         (place / "first").touch()
     with pytest.raises(CallError, match="cannot be written"), staged(out) as place:
         (place / "missing" / "file").write_text("")
+    assert names(tmp_path) == ["out"]
+    assert names(out) == ["first"]
+
+
+WRITING = """
+import sys
+from pathlib import Path
+from pliant.spec.io.staging import staged
+
+with staged(Path(sys.argv[1])) as place:
+    print("written")
+    (place / "second").touch()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs prctl")
+def test_a_read_only_folder_is_not_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "first").touch()
+    out.chmod(0o555)
+    done = subprocess.run(
+        [sys.executable, "-c", WRITING, str(out)],
+        capture_output=True,
+        text=True,
+        preexec_fn=without_privilege,
+    )
+    out.chmod(0o755)
+    assert "CallError" in done.stderr
+    assert "found Permission denied" in done.stderr
+    assert done.stdout == ""
     assert names(tmp_path) == ["out"]
     assert names(out) == ["first"]
 
