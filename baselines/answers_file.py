@@ -162,6 +162,8 @@ def _read_separated(path: Path, separators: tuple[str, ...]) -> pa.Table:
 def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
     with path.open(encoding="utf-8-sig") as file:
         for number, line in enumerate(file, start=1):
+            if line.isspace():  # ignored as in CSV
+                continue
             try:
                 row = json.loads(line)
             except (ValueError, RecursionError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.parquet import read_footer, write_table
+from pliant.spec.io.writing import require_folder
 from pliant.spec.tables import ANSWERS_OPTIONAL
 from pliant.spec.text import name_fault
 
@@ -230,13 +230,7 @@ def check_writable(path: Path | str) -> None:
             not a submission.
     """
     path = Path(path)
-    folder = path.parent
-    if not folder.is_dir():
-        raise CallError(
-            "the output folder does not exist", path=folder, fix=f"Create it: mkdir -p {folder}"
-        )
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise CallError("the output folder cannot be written to", path=folder)
+    require_folder(path.parent)
     if path.exists() and not _is_submission(path):
         raise CallError(
             "the file exists, is not a submission, and is not replaced",

@@ -182,7 +182,7 @@ def _train(
             facts = train(dataset, out, chosen, resume=resume, progress=progress)
     except KeyboardInterrupt:
         if first and latest_checkpoint(out) is not None:
-            echo(f"Interrupted: continue with --resume --out {out}", err=True)
+            echo(f"Interrupted: continue with {to_call('--resume', '--out', out)}", err=True)
         raise
     if not first:
         return

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pliant.baselines.matcher import Heat
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import replacing, require_folder
 from pliant.viewer.drawing import Window, check_ending, dimmed, heat_range, show
 from pliant.viewer.photo_match import PhotoMatch, PointMatch
 
@@ -36,17 +36,12 @@ def check_figure_path(path: Path) -> None:
         path: The file to be written.
 
     Raises:
-        CallError: Its folder is missing or it has an unknown ending.
+        CallError: Its folder is missing or read-only, or it has an unknown ending.
     """
     check_ending(path, FORMATS)
     if path.is_dir():
         raise CallError("a folder stands where the figure should go", path=path)
-    if not path.parent.is_dir():
-        raise CallError(
-            "the output folder does not exist",
-            path=path.parent,
-            fix=f"Create it: mkdir -p {path.parent}",
-        )
+    require_folder(path.parent)
 
 
 def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -82,6 +83,22 @@ def synced(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def require_folder(folder: Path) -> None:
+    """Refuse the folder of an output file before the file is computed.
+
+    Raises:
+        CallError: It is missing or cannot be written to.
+    """
+    if not folder.is_dir():
+        raise CallError(
+            "the output folder does not exist",
+            path=folder,
+            fix=f"Create it: mkdir -p {shlex.quote(str(folder))}",
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise CallError("the output folder cannot be written to", path=folder)
 
 
 def cannot_write(path: Path | str, error: OSError) -> CallError:

@@ -321,8 +321,9 @@ def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
 
 
 def test_bad_calls_are_refused_before_any_work(cards: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="output folder does not exist"):
-        predict(cards, "test", Fixed(), tmp_path / "missing" / "out.parquet")
+    missing = tmp_path / "a folder"
+    with pytest.raises(CallError, match=f"does not exist. Create it: mkdir -p '{missing}'$"):
+        predict(cards, "test", Fixed(), missing / "out.parquet")
     with pytest.raises(CallError, match="workers"):
         predict(cards, "test", Fixed(), tmp_path / "out.parquet", workers=0)
     assert list(tmp_path.iterdir()) == []

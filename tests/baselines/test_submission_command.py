@@ -57,6 +57,10 @@ FORMATS: dict[str, tuple[str, Callable[[Rows], bytes]]] = {
     "csv with semicolons": ("mine.csv", separated(";")),
     "tsv": ("mine.tsv", separated("\t")),
     "JSON lines": ("mine.jsonl", lambda rows: "\n".join(map(json.dumps, rows)).encode()),
+    "JSON lines of Windows": (
+        "mine.jsonl",
+        lambda rows: b"\xef\xbb\xbf" + "\r\n".join([*map(json.dumps, rows), "", ""]).encode(),
+    ),
     "pandas": ("mine.parquet", pandas_parquet),
 }
 

@@ -31,7 +31,7 @@ def test_resume_where_there_is_no_run_asks_for_no_setting(
 @pytest.mark.parametrize(
     ("place", "fix"),
     [
-        ("pliant.models.training.loop._step", "Interrupted: continue with --resume"),
+        ("pliant.models.training.loop._step", "Interrupted: continue with --resume --out '{run}'"),
         ("pliant.models.don.trainer.draw_validation_pairs", ""),
     ],
 )
@@ -47,11 +47,12 @@ def test_resume_is_proposed_where_there_is_a_checkpoint(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(place, interrupt)
-    train = ("train", "don", "--data", sheet_dataset.root, "--out", tmp_path / "run")
+    run = tmp_path / "a run"
+    train = ("train", "don", "--data", sheet_dataset.root, "--out", run)
     code, _, error = called(*train, *options(*DON))
     assert code == 130
     assert ("--resume" in error) == bool(fix)
-    assert fix in error
+    assert fix.format(run=run) in error
 
 
 @pytest.mark.parametrize("config", ["steps: 5", "loss: {canonical_weight: 1.0}"])

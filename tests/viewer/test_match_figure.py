@@ -228,7 +228,7 @@ def test_queries_off_the_picture_or_the_object_are_refused() -> None:
     ("name", "message"),
     [
         ("figure.bmp", r"ending is unknown.*\.png"),
-        ("missing/figure.png", "output folder does not exist"),
+        ("a folder/figure.png", "output folder does not exist.*mkdir -p '[^']*a folder'$"),
         ("folder.png", "a folder stands"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> R
             "the submission cannot be read",
             path=path,
             found=str(issues[0]) if issues else None,
-            fix=f"List all problems with: pliant check {path} --data DATA",
+            fix=f"List all problems with: pliant check {shlex.quote(str(path))} --data DATA",
             issues=issues,
         )
     if not isinstance(loaded.answers, PlacedAnswers):
