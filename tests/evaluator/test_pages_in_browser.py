@@ -142,6 +142,16 @@ def test_the_theme_can_be_switched_and_stays(browser: Browser, pages: Path) -> N
     assert browser.run(paper) == "rgb(255, 255, 255)"
 
 
+def test_paper_shows_what_the_page_folds(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages))
+    hidden = "[...document.querySelectorAll('details > :not(summary, pre)')].filter(each =>"
+    hidden += " !each.checkVisibility({contentVisibilityProperty: true})).length"
+    assert browser.run(f"return {hidden}") > 0
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    assert browser.run(f"return {hidden}") == 0
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
 def choose(browser: Browser, field: str, value: str) -> None:
     browser.run(
         "const e = document.getElementById(arguments[0]); e.value = arguments[1];"
