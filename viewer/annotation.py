@@ -14,7 +14,7 @@ from typing import Any, Final
 from pliant.baselines.matcher import Matcher
 from pliant.spec.errors import CallError
 from pliant.spec.io.photo import SUFFIXES, photo_size
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import replacing, require_folder
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
 from pliant.spec.text import number_order, plural
 from pliant.viewer.photo_match import match_photo
@@ -38,7 +38,7 @@ class Annotation:
         heic: Number of HEIC pictures, which are left out.
 
     Raises:
-        CallError: It is not a folder, or has fewer than two pictures.
+        CallError: It is not a folder, cannot be written to, or has fewer than two pictures.
         PliantError: A picture cannot be read.
     """
 
@@ -47,6 +47,7 @@ class Annotation:
     ) -> None:
         if not folder.is_dir():
             raise CallError("folder not found", path=folder)
+        require_folder(folder)  # of annotations.csv: not to be found out after the first click
         pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
         self.pictures = sorted(pictures, key=lambda picture: number_order(picture.name))
         self.heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())

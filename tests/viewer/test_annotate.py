@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -22,6 +24,7 @@ from pliant.viewer.annotation import Annotation, Suggester
 from pliant.viewer.local_app import LocalServer
 from tests.browser import Browser, Keys
 from tests.conftest import Called
+from tests.privilege import without_privilege
 from tests.viewer.serving import ask, below, served
 
 SIZES = {"one.jpg": (400, 300), "two.png": (300, 400), "three.webp": (200, 150)}
@@ -135,6 +138,22 @@ def test_a_folder_in_the_place_of_the_file_is_refused_at_start(folder: Path) -> 
     (folder / "annotations.csv").mkdir()
     with pytest.raises(CallError, match=r"annotations\.csv: file not found; found a folder"):
         earlier_marks(folder)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs prctl")
+def test_a_folder_that_cannot_be_written_is_refused_at_start(folder: Path) -> None:
+    folder.chmod(0o555)
+    program = "from pliant.cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "annotate", folder, "--no-browser", "--method", "missing"],
+        capture_output=True,
+        text=True,
+        preexec_fn=without_privilege,
+        timeout=60,
+    )
+    folder.chmod(0o755)
+    assert "the output folder cannot be written to" in done.stderr
+    assert done.returncode == 2
 
 
 def test_the_page_asks_and_saves(folder: Path) -> None:
