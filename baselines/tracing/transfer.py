@@ -87,13 +87,14 @@ def pair_log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> FloatArra
         source: Traces in one image.
         target: Traces in the other.
     """
-    longer = np.subtract.outer(*(np.log([each.length_px for each in e]) for e in (source, target)))
-    scores = np.add.outer(*([each.score for each in traces] for traces in (source, target)))
+    scores = np.add.outer([each.score for each in source], [each.score for each in target])
+    longer = np.subtract.outer(
+        np.log([each.length_px for each in source]), np.log([each.length_px for each in target])
+    )
     return np.asarray(TRACING.coverage_weight * scores - np.abs(longer))
 
 
 def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, Trace]:
     """Return the traces that fit together best: both plausible, and of one length."""
-    best = int(pair_log_odds(source, target).argmax())
-    a, b = divmod(best, len(target))
+    a, b = divmod(int(pair_log_odds(source, target).argmax()), len(target))
     return source[a], target[b]

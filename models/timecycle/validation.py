@@ -78,7 +78,7 @@ def draw_stretches(
     ]
     if not episodes:
         raise CallError(
-            f"there is no episode of {settings.frames + 1} frames",
+            f"validation found no episode of {settings.frames + 1} frames or more",
             path=store.root,
             where=store.where,
             fix="Use longer episodes, or a smaller validation.frames",
