@@ -54,7 +54,7 @@ def test_masks(tmp_path: Path) -> None:
     Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
     drawn = np.zeros((6, 9), dtype=np.uint8)
     drawn[2:4, 3] = (10, 11)  # 10 is still black
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    Image.fromarray(drawn).convert("RGB").save(tmp_path / "mask.png")
     view = read_frame(tmp_path / "picture.png", tmp_path / "mask.png")
     assert np.argwhere(known(view.mask)).tolist() == [[3, 3]]
     Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
@@ -81,6 +81,22 @@ def test_a_mask_without_black_is_of_one_value(dtype: Any, tmp_path: Path) -> Non
     Image.fromarray(drawn).save(path)
     with pytest.raises(PliantError, match="black nowhere"):
         read_mask(path, (9, 6))
+
+
+@pytest.mark.parametrize("highest", [3, 12, 64])
+def test_every_label_of_a_dark_image_counts(highest: int, tmp_path: Path) -> None:
+    """Labels beyond 10 do not make the smaller ones black; a brighter drawing has black noise."""
+    drawn = np.zeros((6, 9), np.uint8)
+    drawn[2, 1:4] = 1, 2, highest
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [
+        [2, 1],
+        [2, 2],
+        [2, 3],
+    ]
+    drawn[2, 3] = 65
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [[2, 3]]
 
 
 def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
