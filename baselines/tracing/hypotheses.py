@@ -137,12 +137,10 @@ def _readings(
     small = shrunk(mask, factor)
     if small.sum() < TRACING.shortest_steps:
         return []
-    other = np.zeros_like(small)
-    if objects is not None:
-        other = shrunk(objects & ~mask, factor)
-    opened = _opened(other)
+    covering = np.zeros_like(mask) if objects is None else objects & ~mask
+    opened = _opened(shrunk(covering, factor))
     ball = Ball.of_mask(opened, factor) if opened.any() else None
-    shown = small | other
+    shown = mask
     depth = depth_in_mask(small)
     half_px = half_width_px(depth)
     without_gaps = bridged(mask, small, factor, half_px, ball, margin)
@@ -154,18 +152,16 @@ def _readings(
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)
     paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
+    paths = [path * factor for path in paths]
+    about_px = half_px * factor
     if likelihood is not None:
         deep_px = max(float(np.percentile(depth[small], 80)), 0.8)
-        length_px = float(small.sum() / (2 * deep_px))
-        pixels = np.argwhere(small | other)
-        found = likelihood((pixels[:, ::-1] + 0.5) * factor)
-        found[~shown[tuple(pixels.T)]] = 1.0  # what covers the rope says nothing of it
-        evidence = Evidence(pixels, small[tuple(pixels.T)], found)
-        paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
+        length_px = float(small.sum() / (2 * deep_px)) * factor
+        coarse = max(factor, int(about_px / TRACING.chain_half_px))
+        paths += _sampled(mask, shown, covering, likelihood, length_px, coarse)
     if not paths:
         return []
-    about_px = half_px * factor
-    middles = centred([path * factor for path in paths], mask, about_px)
+    middles = centred(paths, mask, about_px)
     below = _tilted(nadir, middles)
     traces = []
     for middle in middles.places_px:
@@ -173,6 +169,32 @@ def _readings(
         traces.append(_measured(whole, small, whole_px, factor, middles.usual_px / 2, below))
     long = [trace for trace in traces if trace.length_px > 0]  # a rope that is one pixel is none
     return sorted(long, key=lambda trace: -trace.score)
+
+
+def _sampled(
+    mask: Mask, shown: Mask, covering: Mask, likelihood: Likelihood, length_px: float, factor: int
+) -> list[FloatArray]:
+    """Return paths sampled from the model of `chain.py`, float64 (T, 2) each, (u, v) in pixels.
+
+    The model is given blocks of pixels: its cost grows with their number.
+
+    Args:
+        mask: bool (H, W), the rope, without gaps.
+        shown: bool (H, W), the rope as it is seen.
+        covering: bool (H, W), other objects, which may hide it.
+        likelihood: What is seen says of where along the rope it is.
+        length_px: Length of the rope if no part of it hides another.
+        factor: Side of a block, px.
+    """
+    rope, seen, other = (shrunk(each, factor) for each in (mask, shown, covering))
+    if not rope.any():
+        return []
+    pixels = np.argwhere(rope | other)
+    found = likelihood((pixels[:, ::-1] + 0.5) * factor)
+    found[~(seen | other)[tuple(pixels.T)]] = 1.0  # what covers the rope says nothing of it
+    evidence = Evidence(pixels, rope[tuple(pixels.T)], found)
+    sampled = sampled_paths(evidence, length_px / factor, TRACING.chain_samples)
+    return [path * factor for path in sampled]
 
 
 def _walked(

@@ -37,6 +37,9 @@ class TracingSettings:
         walk_across_px: How far to either side the middle of the mask is looked for (unrecorded).
         walk_centring: Share of the way to that middle that a step takes (unrecorded).
         heading_px: Radius around a start whose middle gives the first heading (unrecorded).
+        chain_half_px: Half the rope's width in blocks of pixels that the hidden Markov model is
+            given (cost; with twice as many of them, 480 pairs of usual ropes have 11.1 instead of
+            11.3 px, those of an unseen look 13.9 instead of 14.0).
         chain_steps: Steps of the hidden Markov model from one end to the other (cost).
         chain_headings: Its headings (cost).
         chain_turns: Probability of each turn in a step, in headings (unrecorded).
@@ -135,6 +138,7 @@ class TracingSettings:
     walk_across_px: float = 1.5
     walk_centring: float = 0.4
     heading_px: float = 7.0
+    chain_half_px: float = 1.8
     chain_steps: int = 100
     chain_headings: int = 16
     chain_turns: tuple[tuple[int, float], ...] = ((-1, 0.15), (0, 0.7), (1, 0.15))
