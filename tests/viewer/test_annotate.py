@@ -238,6 +238,38 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
     assert browser.errors() == []
 
 
+def test_points_are_renamed_and_deleted_with_their_marks(browser: Browser, folder: Path) -> None:
+    said = "$('said').textContent"
+    annotation = Annotation(folder, ["ball", "end"])
+    marks = {"ball": [10, 20, True, "marked"], "end": [30, 40, False, "confirmed"]}
+    annotation.update({"points": ["ball", "end"], "marks": {"one.jpg": marks, "two.png": marks}})
+    with shown(browser, annotation):
+        browser.run("chosen = 'ball'; render(); $('new').value = 'end'; $('rename').click()")
+        browser.wait(f"{said} === 'There is a point end already'")
+        browser.run("$('new').value = 'knot'; $('rename').click()")
+        browser.wait(f"{said} === '4 marks saved'")
+        assert [row.split(",")[1] for row in marks_of(folder)] == ["knot", "end"] * 2
+        assert browser.run("return [chosen, $('new').value]") == ["knot", ""]
+        browser.run("$('drop').click()")
+        browser.wait(f"{said} === '2 marks saved'")
+        assert marks_of(folder) == [
+            f"{name},end,30.000,40.000,0,confirmed" for name in ("one.jpg", "two.png")
+        ]
+        browser.run("$('drop').click()")
+        browser.wait(f"{said} === '0 marks saved'")
+        assert browser.run("return [chosen, $('drop').disabled, $('rename').disabled]") == [
+            None,
+            True,
+            True,
+        ]
+        for _ in range(3):
+            browser.keys(Keys.CONTROL, "z")
+        browser.wait(f"{said} === '4 marks saved'")
+        assert annotation.points == ["ball", "end"]
+        assert marks_of(folder)[0] == "one.jpg,ball,10.000,20.000,1,marked"
+    assert browser.errors() == []
+
+
 def test_a_whole_picture_stays_whole_in_another_window(browser: Browser, folder: Path) -> None:
     is_whole = "left >= 0 && left + picture().width * zoom <= view.getBoundingClientRect().width"
     with shown(browser, Annotation(folder, ["ball"])):

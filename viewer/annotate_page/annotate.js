@@ -114,7 +114,7 @@ function render() {
   }));
   if (focused !== undefined) $("points").querySelector(`[data-point="${CSS.escape(focused)}"]`)?.focus();
   $("previous").disabled = at === 0; $("next").disabled = at === state.pictures.length - 1;
-  $("undo").disabled = !past.length; $("remove").disabled = !marks[chosen]; $("hide").disabled = chosen === null;
+  $("undo").disabled = !past.length; $("remove").disabled = !marks[chosen]; $("hide").disabled = $("rename").disabled = $("drop").disabled = chosen === null;
   $("confirm").disabled = !unconfirmed().length;
   $("other").value = String(other); $("suggest").disabled = other === at;
   draw();
@@ -214,13 +214,24 @@ document.onkeydown = event => {
   if (act) { event.preventDefault(); act(); }
 };
 for (const [id, act] of Object.entries({previous: KEYS.p, next: KEYS.n, out: KEYS["-"], in: KEYS["+"], whole: fit, hide, confirm: event => accept(event.shiftKey), remove, undo, suggest})) $(id).onclick = event => act(event);
-$("add").onsubmit = event => {
-  event.preventDefault();
+/** Give a name that is typed and new to what makes a point of it. */
+function named(make) {
   const name = $("new").value.trim();
   if (!name || state.points.includes(name)) return say(name ? `There is a point ${name} already` : "Give the point a name", true);
-  change(() => { state.points.push(name); chosen = name; });
+  change(() => { make(name); chosen = name; });
   $("new").value = "";
-};
+}
+$("add").onsubmit = event => { event.preventDefault(); named(name => state.points.push(name)); };
+$("rename").onclick = () => named(name => {
+  state.points[state.points.indexOf(chosen)] = name;
+  for (const marks of Object.values(state.marks)) if (marks[chosen]) { marks[name] = marks[chosen]; delete marks[chosen]; }
+});
+$("drop").onclick = () => change(() => {
+  const k = state.points.indexOf(chosen);
+  state.points.splice(k, 1);
+  for (const marks of Object.values(state.marks)) delete marks[chosen];
+  chosen = state.points[k] ?? state.points[k - 1] ?? null;
+});
 $("other").onchange = () => { other = Number($("other").value); render(); };
 window.onbeforeunload = event => { if (stored < changes) event.preventDefault(); };  // the browser asks
 window.onresize = () => whole === `${[zoom, left, top_]}` ? fit() : draw();  // a phone that is turned
