@@ -38,6 +38,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.limits import LimitError, Limits, run_limited
+from pliant.spec.text import plural
 
 Given: TypeAlias = "pa.Table | Mapping[str, Any] | RealArray"
 """Answers in memory: a table, columns by name, or the positions alone."""
@@ -220,6 +221,12 @@ def _table(answers: Given) -> pa.Table:
 
 def _array(values: Any) -> Any:
     """Return a torch tensor, on whatever device, as an array, and other values as they are."""
+    if np.ma.is_masked(values):
+        raise CallError(
+            "answers must not be masked",
+            found=plural(np.ma.count_masked(values), "masked value"),
+            fix="Give columns with pair_id and query_id, without the rows that have no answer.",
+        )
     return values.detach().cpu().numpy() if hasattr(values, "detach") else values
 
 

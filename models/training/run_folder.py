@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 from pliant.models.training.checkpoint import BEST, checkpoint_to_resume, latest_checkpoint
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
-from pliant.spec.configuration import read_settings, settings_to_dict
+from pliant.spec.configuration import SettingsError, read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.writing import replacing
@@ -95,10 +95,18 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
 
 def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
     checkpoint_to_resume(run)
-    begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
+    try:
+        begun = read_settings(type(settings), run / CONFIG)
+    except SettingsError as error:
+        raise TrainingError(
+            "the run is of another method, or its config was edited",
+            path=run,
+            found=str(error).splitlines()[0],
+            fix="Resume it by the `pliant train` command that began it.",
+        ) from error
     check_same_settings(
         run,
-        begun,
+        settings_to_dict(begun),
         settings_to_dict(settings),
         ignored=(*RESUMABLE, answering),
         fix="Leave --config and --set out, or start another run.",

@@ -71,6 +71,12 @@ def test_wrong_answers_are_refused_with_a_reason(scene: Any) -> None:
         evaluate_answers(scene.root, scene.split, uv[:2])
     with pytest.raises(CallError, match=r"shape \(number of queries, 2\)"):
         evaluate_answers(scene.root, scene.split, uv[:, :1])
+    unanswered = np.ma.masked_array(uv, np.arange(uv.size).reshape(uv.shape) < 2)
+    with pytest.raises(CallError, match="must not be masked; found 2 masked values"):
+        evaluate_answers(scene.root, scene.split, unanswered)
+    masked = np.ma.masked_less(uv[:, 0], uv[:, 0].min() + 1e-3)
+    with pytest.raises(CallError, match=r"must not be masked; found 1 masked value\."):
+        evaluate_answers(scene.root, scene.split, {"u": masked, "v": uv[:, 1]})
     with pytest.raises(CallError, match="no queries; found 'holdout'; required: one of test"):
         evaluate_answers(scene.root, "holdout", uv)
     with pytest.raises(CallError, match="not columns of one length"):

@@ -74,6 +74,10 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     json.dumps(described)
     with pytest.raises(TrainingError, match="settings it began with"):
         train_timecycle(dataset, run, timecycle("seed=4"), resume=True)
+    kept = (run / "config.yaml").read_text()
+    (run / "config.yaml").write_text("pairs: {views: 4}\n" + kept)
+    with pytest.raises(TrainingError, match=r"another method, or its config was edited.*pairs"):
+        train_timecycle(dataset, run, timecycle(), resume=True)
     (run / "config.yaml").write_text("kind: timecycle\nnetwork: {descriptor_dim: 8}\n")
     with pytest.raises(TrainingError, match="do not fit"):
         load_matcher(run)
