@@ -71,7 +71,7 @@ def test_wrong_answers_are_refused_with_a_reason(scene: Any) -> None:
         evaluate_answers(scene.root, scene.split, uv[:2])
     with pytest.raises(CallError, match=r"shape \(number of queries, 2\)"):
         evaluate_answers(scene.root, scene.split, uv[:, :1])
-    unanswered = np.ma.masked_array(uv, np.arange(uv.size).reshape(uv.shape) < 2)
+    unanswered: Any = np.ma.masked_array(uv, np.arange(uv.size).reshape(uv.shape) < 2)
     with pytest.raises(CallError, match="must not be masked; found 2 masked values"):
         evaluate_answers(scene.root, scene.split, unanswered)
     masked = np.ma.masked_less(uv[:, 0], uv[:, 0].min() + 1e-3)
