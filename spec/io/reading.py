@@ -71,7 +71,7 @@ def check_regular(path: AnyFile, max_bytes: int) -> int:
     if not stat.S_ISREG(status.st_mode):
         raise FileRefusedError(
             "PATH_UNSAFE",
-            "a dataset contains regular files only",
+            "only regular files are read",
             path=path,
             found="a link" if stat.S_ISLNK(status.st_mode) else "a folder or a special file",
             fix="Put the file itself there.",
