@@ -307,11 +307,12 @@ def _refuse(
 
 
 def _row(path: Path, row: int, first: int) -> str:
-    """Return the place of a row; in a text it is a line; empty lines of a CSV are not rows."""
+    """Return the place of a row; in a text it is a line, and empty lines are not rows."""
     if not first:
         return f"row {row}"
+    empty = None if path.suffix.lower() in _JSON_LINES else "\r\n"  # blanks alone: a row of a CSV
     with path.open(encoding="utf-8-sig") as file:
-        lines = (number for number, line in enumerate(file, start=1) if line.rstrip("\r\n"))
+        lines = (number for number, line in enumerate(file, start=1) if line.strip(empty))
         return f"line {next(islice(lines, row + first - 1, None))}"
 
 

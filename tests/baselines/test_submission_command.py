@@ -182,6 +182,7 @@ def test_a_wrong_table_names_row_and_column(
     [
         ("a.jsonl", b'{"u": 1, "v": 2}\n[1, 2]\n', r"line 2: this is not JSON lines; found \[1"),
         ("a.jsonl", b'{"u": 1, "v": "x"}\n', "line 1, column v: .*found 'x'"),
+        ("a.jsonl", b'\n \t\n{"u": 1, "v": "x"}\n', "line 3, column v: .*found 'x'"),
         ("a.jsonl", b'{"u": 1, "v": null}\n', "line 1, column v: .*found None"),
         ("a.jsonl", b"[" * 100_000, "line 1: this is not JSON lines"),
         ("a.parquet", b"PAR1", "cannot be read"),
