@@ -240,12 +240,12 @@ def _starts_at_ends(mask: Mask) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _heading(places: FloatArray, start: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Return the unit vector to the middle of the mask around a place."""
+    """Return the unit vector to the middle of the mask around a place, or another way there."""
     near = places[np.linalg.norm(places - start, axis=1) < TRACING.heading_px]
     way = near.mean(axis=0) - start
     if np.linalg.norm(way) < 0.5:
-        way = otherwise
-    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
+        way = otherwise if otherwise.any() else np.array([1.0, 0.0])
+    return np.asarray(way / np.linalg.norm(way))
 
 
 def _tilted(nadir: Nadir, middles: Centred) -> Nadir:

@@ -50,6 +50,13 @@ def test_tracers_answer_for_any_mask() -> None:
     try_masks(0, 30)
 
 
+def test_a_rope_in_the_middle_of_its_ball_leaves_it_any_way() -> None:
+    """Neither the mask around the start nor the way from the ball's middle says which."""
+    gap = np.hypot(*(np.mgrid[:61, :61] - 30.0))
+    mask, objects = gap < 6, gap < 14
+    check_traces(rope_traces(mask, objects), mask)
+
+
 @pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")
 @pytest.mark.parametrize("seed", range(100, 200))
