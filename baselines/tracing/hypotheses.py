@@ -236,11 +236,17 @@ def _starts_at_ends(mask: Mask) -> list[tuple[FloatArray, FloatArray]]:
     """Return both ends: the pixels farthest from each other along the mask."""
     places = _centres(mask)
     starts = [np.array([column, row]) + 0.5 for row, column in farthest_pixels(mask)]
-    return [(start, _heading(places, start, np.array([1.0, 0.0]))) for start in starts]
+    return [(start, _heading(places, start, np.zeros(2))) for start in starts]
 
 
 def _heading(places: FloatArray, start: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Return the unit vector to the middle of the mask around a place, or another way there."""
+    """Return the unit vector to the middle of the mask around a place.
+
+    Args:
+        places: float64 (N, 2), the mask.
+        start: float64 (2,), the place.
+        otherwise: float64 (2,), the way to take where that middle is the place; 0 for any.
+    """
     near = places[np.linalg.norm(places - start, axis=1) < TRACING.heading_px]
     way = near.mean(axis=0) - start
     if np.linalg.norm(way) < 0.5:

@@ -38,8 +38,8 @@ class TracingSettings:
         walk_centring: Share of the way to that middle that a step takes (unrecorded).
         heading_px: Radius around a start whose middle gives the first heading (unrecorded).
         chain_half_px: Half the rope's width in blocks of pixels that the hidden Markov model is
-            given (cost; with twice as many of them, 480 pairs of usual ropes have 11.1 instead of
-            11.3 px, those of an unseen look 13.9 instead of 14.0).
+            given (cost; given those that are walked, 480 pairs of usual ropes have 11.1 instead
+            of 11.3 px, those of an unseen look 13.9 instead of 14.0).
         chain_steps: Steps of the hidden Markov model from one end to the other (cost).
         chain_headings: Its headings (cost).
         chain_turns: Probability of each turn in a step, in headings (unrecorded).
