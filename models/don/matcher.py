@@ -128,7 +128,7 @@ class DonMatcher:
         return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
 
     def share(self, folder: Path) -> None:
-        """Store traces and masks in a folder, where copies in other processes find them."""
+        """Store traces, turns and masks in a folder, where copies in other processes find them."""
         self.reader.share(folder)
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:

@@ -22,7 +22,7 @@ from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
 from pliant.models.don.prints import settled_by_print
 from pliant.models.don.settings import AnswerSettings
-from pliant.models.don.square import other_quarter_turns, upright
+from pliant.models.don.square import other_quarter_turns, turned, upright_turn
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.crossing_network import CrossingNetwork
@@ -36,6 +36,7 @@ _KEPT_BYTES = 128 * 2**20
 _LEAST_KEPT = 8
 _BYTES_PER_PIXEL = 9  # colour, depth and two masks
 _KEPT_TRACES = 256
+_KEPT_TURNS = 4096
 _TILT = 0.70  # the tangent of 35 degrees
 _SURER = 0.02  # of a mean log probability, so that a view is not changed for nothing
 
@@ -64,10 +65,12 @@ class RopeReader:
         self._network, self._views, self._settings = network, views, settings
         self.crossings: CrossingNetwork | None = None
         self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
+        self._turns: LRUCache[float] = LRUCache(_KEPT_TURNS)
         self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
 
     def share(self, folder: Path) -> None:
-        """Store traces and masks in a folder, where copies in other processes find them."""
+        """Store traces, turns and masks in a folder, where copies in other processes find them."""
+        self._turns = SharedCache(_KEPT_TURNS, folder / "turns")
         self._readings = SharedCache(_KEPT_TRACES, folder / "traces")
         self._views.share(folder / "masks")
 
@@ -97,7 +100,8 @@ class RopeReader:
             masked = self.masked(view)
             seen = self._from_above(masked)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
-            seen = seen if shown is None else upright(seen, shown)
+            if shown is not None:
+                seen = turned(seen, self._turn(view.cache_key, seen, shown), shown)
             return replace(seen, segmented=masked is not view)
 
         return self._rectified.get(view.cache_key, prepared)
@@ -118,6 +122,9 @@ class RopeReader:
         above = self._large(untilted(view, _TILT, shown, view.border_rgb))
         gain = self._views.sureness(above.view) - self._views.sureness(as_it_is.view)
         return above if gain > _SURER else as_it_is
+
+    def _turn(self, key: str, seen: Reframed, shown: Mask) -> float:
+        return self._turns.get(key, lambda: upright_turn(seen, shown, self._views.sureness))
 
     def _large(self, seen: Reframed) -> Reframed:
         return seen.zoomed(self._shown(seen.view), *self._settings.fill)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 import pytest
 import torch
 from torch import nn
 
+from pliant.baselines.outline import angle_from_upright
 from pliant.models.don.certainty import Calibration
+from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings
 from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
 from tests.models.don.planted import planted
+from tests.models.shipped_models import made_like_training_set, shipped_don
 
 SIZE = (160, 120)
 MIDDLE = np.array(SIZE) / 2
@@ -72,6 +77,22 @@ def test_a_square_that_is_turned_far_has_four_answers(angle_deg: float) -> None:
     assert np.linalg.norm(found.uv_px - orbit[0], axis=1).max() < 4
 
 
+@pytest.mark.parametrize(("gain", "turned_upright"), [(0.1, True), (0.0, True), (-0.1, False)])
+def test_a_turned_outline_decides_only_where_the_network_is_no_less_sure_of_it(
+    gain: float, *, turned_upright: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The edges of a scrunched cloth may point in any direction, however the cloth is turned."""
+    view = square(40)
+
+    def sureness(views: ViewDescriber, seen: Frame) -> float:
+        return -2.0 + (0.0 if seen.cache_key == view.cache_key else gain)
+
+    monkeypatch.setattr(ViewDescriber, "sureness", sureness)
+    seen = matcher("upright").reader.seen(view)
+    assert seen.turned == turned_upright
+    assert (seen.homography is not None) == turned_upright
+
+
 @pytest.mark.parametrize(
     ("blank_square", "angle_deg", "modes"), [("no", 40, 1), ("upright", 10, 1), ("any", 10, 4)]
 )
@@ -83,6 +104,31 @@ def test_nearly_upright_squares_have_one_answer_unless_nothing_is_known(
     found = matcher(blank_square).answer(pair)
     assert [int((rows[:, 3] > 0.15).sum()) for rows in known(found.modes)] == [modes] * len(ASKED)
     np.testing.assert_allclose(found.uv_px, ASKED + MIDDLE, atol=0.6)
+
+
+def test_scrunched_cloths_whose_outline_says_nothing_are_turned_back(tmp_path: Path) -> None:
+    """Pictures of three upright ones, each turned to either side; the shipped network decides."""
+    straight = {"camera": {"top": 1.0, "oblique": 0.0}, "cloth": {"yaw_max_rad": 0.0}}
+    dataset = made_like_training_set("don-cloth", tmp_path / "set", 3, **straight)
+    reader = shipped_don("don-cloth").reader
+    shares = []
+    for number, picture in enumerate(dataset.frames("test")):
+        shown = known(picture.mask)
+        assert angle_from_upright(cv2, shown) is None
+        assert not reader.seen(picture).turned
+        for angle_deg in (30, -30):
+            middle = tuple(side / 2 for side in picture.size)
+            step = cv2.getRotationMatrix2D(middle, -angle_deg, 0.8)
+            rgb = cv2.warpAffine(picture.rgb, step, picture.size, borderMode=cv2.BORDER_REFLECT)
+            mask = cv2.warpAffine(shown.astype(np.uint8), step, picture.size) > 0
+            seen = reader.seen(
+                Frame(rgb.astype(np.uint8), mask, key=f"{number} turned by {angle_deg}")
+            )
+            turn = np.eye(3) if seen.homography is None else seen.homography
+            shares.append(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) / -angle_deg)
+    np.testing.assert_allclose(shares, np.round(shares), atol=0.01)
+    assert min(shares) > -0.5, "none is turned further away"
+    assert sum(shares) > 3.5, shares
 
 
 def test_what_is_no_square_or_unknown_stays_as_it_is() -> None:
