@@ -148,7 +148,8 @@ class AnswerSettings(Settings):
             second: what training shows at least, with its augmentation, and in the middle.
         blank_square: Whether the object is a blank square, whose sides look alike. `upright`: how
             it is placed in the picture says which side is which, unless it is turned by more than
-            training shows. `any`: nothing does. An answer then has the four places as modes.
+            training shows. `any`: nothing does. An answer then has the four places as modes. With
+            either, a turned cloth is set upright first, where the network is surer of it then.
         one_side: Answer all points of a cloth on the side that most of the pair agrees on, see
             `models/don/sides.py`.
         plain_table: Show the network the object on a table without pattern: outside of the mask the
