@@ -28,6 +28,9 @@ _TRIED_RAD: Final = (-np.pi / 6, np.pi / 6)
 _LEAST_GAIN: Final = 0.06
 """Of a mean log probability, for such a turn; chosen on scrunched validation cloths."""
 
+_ALIKE: Final = 0.06
+"""Two such turns that differ by less are alike: then half of each decides between them."""
+
 _MOST_FILL: Final = 0.86
 """Share of the frame's width or height that the generator's objects take at most by default."""
 
@@ -50,8 +53,10 @@ def upright_turn(seen: Reframed, shown: Mask, sureness: Callable[[Frame], float]
     if not shown.any() or (angle_rad is not None and abs(angle_rad) < _UPRIGHT_RAD):
         return 0.0
     turns, least_gain = (_TRIED_RAD, _LEAST_GAIN) if angle_rad is None else ((-angle_rad,), 0.0)
-    sure = [sureness(turned(seen, turn, shown).view) for turn in turns]
-    best = int(np.argmax(sure))
+    sure = np.array([sureness(turned(seen, turn, shown).view) for turn in turns])
+    best = int(sure.argmax())
+    if len(turns) > 1 and np.ptp(sure) < _ALIKE:
+        best = int(np.argmax([sureness(turned(seen, turn / 2, shown).view) for turn in turns]))
     return turns[best] if sure[best] - sureness(seen.view) >= least_gain else 0.0
 
 
