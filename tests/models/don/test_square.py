@@ -12,10 +12,12 @@ import torch
 from torch import nn
 
 from pliant.baselines.outline import angle_from_upright
+from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings
+from pliant.models.don.square import upright_turn
 from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
@@ -104,6 +106,30 @@ def test_nearly_upright_squares_have_one_answer_unless_nothing_is_known(
     found = matcher(blank_square).answer(pair)
     assert [int((rows[:, 3] > 0.15).sum()) for rows in known(found.modes)] == [modes] * len(ASKED)
     np.testing.assert_allclose(found.uv_px, ASKED + MIDDLE, atol=0.6)
+
+
+@pytest.mark.parametrize(
+    ("gains", "turn_deg"),
+    [
+        pytest.param({-30: 0.1, 30: -0.2}, -30, id="one side gains enough"),
+        pytest.param({-30: 0.05, 30: -0.2}, 0, id="no side gains enough"),
+        pytest.param({-30: 0.2, 30: 0.22, -15: 0.1, 15: 0.05}, -30, id="both gain alike"),
+        pytest.param({-30: 0.2, 30: 0.3, -15: 0.1, 15: 0.05}, 30, id="both gain, one more"),
+    ],
+)
+def test_turns_are_tried_where_the_outline_says_nothing(
+    gains: dict[int, float], turn_deg: int
+) -> None:
+    triangle = np.tri(*SIZE[::-1], dtype=np.bool_)
+    view = Frame(square(0).rgb, triangle, key="triangle")
+
+    def sureness(seen: Frame) -> float:
+        if seen.cache_key == view.cache_key:
+            return -2.0
+        return -2.0 + gains[int(seen.cache_key.rsplit(" ", 1)[1])]
+
+    turn = upright_turn(Reframed.unchanged(view), triangle, sureness)
+    assert np.degrees(turn) == pytest.approx(turn_deg)
 
 
 def test_scrunched_cloths_whose_outline_says_nothing_are_turned_back(tmp_path: Path) -> None:
