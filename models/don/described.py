@@ -26,7 +26,7 @@ _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
 _SURENESS_EVERY = 4  # the mean over every fourth pixel differs by 0.0014 (standard deviation)
-_KEPT_UPRIGHT = 4  # both views of a pair, each as it is and as from above
+_KEPT_UPRIGHT = 10  # both views of a pair, each as it is and as from above or in four turns
 
 
 @dataclass(frozen=True)
