@@ -150,12 +150,13 @@ def _bridges(ends: list[_End], half_px: float, free: int) -> Iterator[tuple[_End
     ranked = sorted((_cost(*pair, half_px), number, pair) for number, pair in enumerate(pairs))
     group = {end.part: end.part for end in ends}
     left = set(ends)
+    most = TRACING.bridge_most_at_ball if free == 1 else TRACING.bridge_most
     for cost, _, (one, other) in ranked:
         if one not in left or other not in left:
             continue
         first, second = group[one.part], group[other.part]
         spare = len(left) > free + 1
-        if cost < TRACING.bridge_most if first != second else cost < TRACING.bridge_own and spare:
+        if cost < most if first != second else cost < TRACING.bridge_own and spare:
             group = {part: first if own == second else own for part, own in group.items()}
             left -= {one, other}
             yield one, other

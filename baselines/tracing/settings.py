@@ -103,9 +103,10 @@ class TracingSettings:
         bridge_parts: Masks with more parts are not bridged (cost).
         bridge_reach: Length over which the direction of a loose end is measured (compared:
             leaving out the last one or two half widths does not reduce the error).
-        bridge_most: Largest cost of a bridge, rad² (compared: with 0.6, 1.2 and 3, ropes with
-            clutter have 30.9, 30.9 and 34.7 px, next to cloths 85.0, 79.7 and 79.7; with 3 second
-            ropes are bridged to).
+        bridge_most: Largest cost of a bridge, rad² (compared on ropes with clutter, exact masks: with
+            1.2, 4.5 and 8, ropes next to cloths have 67.7, 58.6 and 57.7 px, others of them 75.0,
+            55.2 and 52.9; 4.9 is a turn back to a parallel strand).
+        bridge_most_at_ball: The same where a ball is known, so that one end alone is free.
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_own: Largest cost of one between ends of the same part (unrecorded).
         bridge_ball: A ball that is farther from the rope is bridged to (unrecorded).
@@ -188,7 +189,8 @@ class TracingSettings:
     bridge_least: float = 5.0
     bridge_parts: int = 12
     bridge_reach: float = 4.0
-    bridge_most: float = 1.2
+    bridge_most: float = 4.5
+    bridge_most_at_ball: float = 8.0
     bridge_length: float = 0.02
     bridge_own: float = 0.8
     bridge_ball: float = 4.0

@@ -21,6 +21,7 @@ from pliant.models.networks.ball_network import BallNetwork, ball_patches
 from pliant.spec.arrays import Float32Array, FloatArray, IntArray, Mask, RealArray
 from pliant.spec.ball import thick_places
 
+_ROUND: Final = 1.45  # area of a ball over that of the largest disc in it
 # All in half widths of the rope.
 _THICK: Final = 1.15  # a candidate's depth, unless it is an end
 _LEAST_DEPTH: Final = 1.5  # of a ball that the mask covers
@@ -112,7 +113,9 @@ class BallCandidates:
         if to_core_px.min() > _NEAR * self.half_px:
             return np.asarray(apart_px <= radius * self.half_px)
         core = cores == cores.flat[to_core_px.argmin()]
-        return np.asarray(self.objects & (ndimage.distance_transform_edt(~core) <= least_px + 0.5))
+        part = self.objects & (ndimage.distance_transform_edt(~core) <= least_px + 0.5)
+        # Next to thin cables, a whole rope is thick.
+        return part if is_round(part) else np.asarray(apart_px <= radius * self.half_px)
 
 
 def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
@@ -135,6 +138,12 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     if odds[best] <= 0:
         return np.zeros_like(objects)
     return candidates.ball(best, *balls[best].tolist())
+
+
+def is_round(mask: Mask) -> bool:
+    """Return whether a mask, bool (H, W), is not much more than the largest disc in it."""
+    radius = float(ndimage.distance_transform_edt(np.pad(mask, 1)).max())
+    return bool(mask.sum() <= _ROUND * np.pi * radius**2)
 
 
 def distances_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatArray:

@@ -3,7 +3,9 @@
 The network for masks finds everything that looks like a rope. Where its mask cannot be that of one
 rope, the strands of its skeleton are compared: those of one rope have one width and one colour
 relative to the table around them, so that the edge of a shadow may cross them. The rope is the
-largest group of strands that are alike, those at the ball before others.
+largest group of strands that are alike, those at the ball before others, and what meets it in its
+colour. Gaps and holes that are narrow for the rope, such as the second colour of a twisted one,
+do not divide strands.
 """
 
 from __future__ import annotations
@@ -15,20 +17,25 @@ import numpy as np
 from scipy import ndimage
 
 from pliant.baselines.tracing import MaskShape, Skeleton, half_width_px
-from pliant.models.don.table import log_ratio_to_table
-from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
+from pliant.models.don.ball import is_round
+from pliant.models.don.table import log_colour
+from pliant.spec.arrays import FloatArray, IntArray, Mask, Rgb
+from pliant.spec.ball import without_small_holes
 from pliant.spec.io.resizing import with_longer_side
 
 # Set on 24 validation pictures of ropes next to cloths, ropes and cables.
 _SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
-_ALIKE_WIDTH: Final = 1.35
-_ALIKE_COLOUR: Final = 1.0  # distance of tint and light, log r
+_ALIKE: Final = 0.45  # distance of two strands of one rope
+_LIGHT, _DETAIL, _WIDTH = 0.25, 0.2, 0.7  # weights of logarithms in it; the tint's is 1
+_LEAST_DETAIL: Final = 0.02
+_ONE_ROPE: Final = 0.9  # of a mask that could be that of one rope; less belongs to another
+_INNER: Final = 0.4  # half widths from the edge
+_CROWDED: Final = 3.0  # times the rope's width, where several of its strands meet
+_NARROW: Final = 0.5  # half widths; gaps of twice that are closed
 _STRANDS: Final = 80
 _LEAST_LENGTH: Final = 4.0  # of a strand whose colour counts, in half widths
 _AT_BALL: Final = 3.0  # half widths between a ball and its rope
-_BALL_WEIGHT: Final = 10.0  # of strands at a ball: a small one may be a speck of something else
-_ROUND: Final = 1.45  # area of a ball over that of the largest disc in it
-_BODY: Final = 1.7  # half widths around a strand that are its own
+_BALL_WEIGHT: Final = 3.0  # of strands at a ball: a small one may be a speck of something else
 
 
 def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | None]:
@@ -42,15 +49,16 @@ def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | N
     Returns:
         bool (H, W), the rope, and the ball, or None where that is not round.
     """
-    if not MaskShape.of(rope, None if ball is None else rope | ball).several_ropes:
-        return rope, ball
+    several = MaskShape.of(rope, None if ball is None else rope | ball).several_ropes
     shape = with_longer_side(rope.shape, _SIDE)
     small = resized(rope, shape)
     picture = np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
     small_ball = None if ball is None else resized(ball, shape)
-    if small_ball is not None and not _is_round(small_ball):
+    if several and small_ball is not None and not is_round(small_ball):
         small_ball = ball = None
-    kept = _kept(picture, small, small_ball)
+    kept = small & _kept(picture, small, small_ball)
+    if not several and kept.sum() > _ONE_ROPE * small.sum():
+        return rope, ball
     return rope & resized(kept, rope.shape), ball
 
 
@@ -60,72 +68,97 @@ def resized(mask: Mask, shape: tuple[int, ...]) -> Mask:
     return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
 
 
-def _is_round(ball: Mask) -> bool:
-    radius = float(ndimage.distance_transform_edt(np.pad(ball, 1)).max())
-    return bool(ball.sum() <= _ROUND * np.pi * radius**2)
-
-
 def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
     """Return the pixels of the rope's own strands, and of its crossings."""
-    depth: FloatArray = ndimage.distance_transform_edt(rope)
-    half_px = half_width_px(depth[rope])
-    skeleton = Skeleton.of(rope, half_px, _STRANDS) if rope.any() else None
+    body = _without_narrow_gaps(rope)
+    if ball is not None:
+        body &= ~ball
+    if not body.any():
+        return rope
+    depth: FloatArray = ndimage.distance_transform_edt(body)
+    half_px = half_width_px(depth[body])
+    skeleton = Skeleton.of(body, half_px, _STRANDS)
     if skeleton is None or len(skeleton.strands) < 2:
         return rope
-    colour = _colour(picture, rope, half_px)
     places = [skeleton.in_mask(strand.line).astype(np.int64).T[::-1] for strand in skeleton.strands]
     half = np.array([np.median(depth[tuple(at)]) for at in places])
-    strand_colour = np.array([np.median(colour[tuple(at)], axis=0) for at in places])
     length = np.array([len(strand.line) / skeleton.scale for strand in skeleton.strands])
     telling = length >= _LEAST_LENGTH * half
     if telling.sum() < 2:
         return rope
-    alike = np.abs(np.log(half[:, None] / half)) < np.log(_ALIKE_WIDTH)
-    alike &= np.linalg.norm(strand_colour[:, None] - strand_colour, axis=2) < _ALIKE_COLOUR
+    label = _nearest(places, body.shape)
+    inner = body & (depth > _INNER * half[label])
+    look = _looks(picture, label, inner, half)
+    apart = np.linalg.norm(look[:, None] - look, axis=2)
+    width = np.log(half[:, None] / half)
+    alike = np.hypot(apart, _WIDTH * width) < _ALIKE
     weight = alike @ (length * half) * telling
     if ball is not None and ball.any():
         away = ndimage.distance_transform_edt(~ball)
         beside = np.array([away[tuple(at)].min() <= _AT_BALL * half_px for at in places])
         weight[alike @ (beside & telling)] *= _BALL_WEIGHT
     best = int(weight.argmax())
-    own = alike[best] & telling
-    nodes = {node for k in np.flatnonzero(own) for node in skeleton.strands[k].nodes}
-    own |= alike[best] & [bool(nodes & set(strand.nodes)) for strand in skeleton.strands]
-    if own.all():
-        return rope
-    return rope & _drawn(skeleton, own, rope.shape, float(half[best]))
+    crowded = (width[:, best] > 0) & (width[:, best] < np.log(_CROWDED))
+    fitting = alike[best] | (crowded & (apart[best] < _ALIKE))
+    own = _with_neighbours(skeleton, alike[best] & telling, fitting)
+    return rope & own[label]
 
 
-def _colour(rgb: Rgb, rope: Mask, half_px: float) -> Float32Array:
-    """Return the rope's mean colour around every pixel, relative to the table.
+def _nearest(places: list[IntArray], shape: tuple[int, ...]) -> IntArray:
+    """Return the number of the strand, given its (rows, columns), nearest to each pixel."""
+    label = np.zeros(shape, dtype=np.int64)
+    for number, at in enumerate(places):
+        label[tuple(at)] = number + 1
+    nearest = ndimage.distance_transform_edt(
+        label == 0, return_distances=False, return_indices=True
+    )
+    return np.asarray(label[tuple(nearest)] - 1)
+
+
+def _looks(picture: Rgb, label: IntArray, inner: Mask, half: FloatArray) -> FloatArray:
+    """Return what each strand looks like, weighted for distances between strands.
+
+    Args:
+        picture: uint8 (H, W, 3), sRGB.
+        label: int64 (H, W), the number of the strand that a pixel belongs to.
+        inner: bool (H, W), pixels away from edges.
+        half: float64 (N,), half of the strands' widths, pixels.
 
     Returns:
-        float32 (H, W, 4), the tint and the light of `log_ratio_to_table`, which do not change
-        where a shadow begins.
+        float64 (N, 5): the mean tint, which a shadow does not change; the mean light; the
+        logarithm of the light's variation within a strand, such as that of a twisted rope.
     """
-    light, tint = log_ratio_to_table(rgb, ~rope)
-    side = max(3, int(half_px))
-    differs = np.concatenate([tint, light[..., None]], axis=2).astype(np.float32)
-    shown = cv2.blur(rope.astype(np.float32), (side, side))
-    seen = cv2.blur(differs * rope[..., None], (side, side))
-    return np.asarray(seen / np.maximum(shown, 1e-3)[..., None])
+    light, tint = log_colour(picture)
+    sigma_px = max(1.0, float(np.median(half)))
+    detail = light - cv2.GaussianBlur(light, (0, 0), sigma_px)
+    count = np.maximum(np.bincount(label[inner], minlength=len(half)), 1)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.bincount(label[inner], values[inner], minlength=len(half)) / count
+
+    varied = np.log(np.sqrt(mean(detail**2)) + _LEAST_DETAIL)
+    means = [mean(tint[..., channel]) for channel in range(3)]
+    return np.stack([*means, _LIGHT * mean(light), _DETAIL * varied], axis=1)
 
 
-def _drawn(skeleton: Skeleton, own: Mask, shape: tuple[int, ...], half_px: float) -> Mask:
-    """Return some strands at their width, joined where they meet: bool, of a shape."""
-    lines = []
-    ends: dict[int, list[FloatArray]] = {}
-    for k in np.flatnonzero(own):
-        strand = skeleton.strands[k]
-        line = skeleton.in_mask(strand.line)
-        lines.append(line)
-        for end in (0, 1):
-            ends.setdefault(strand.nodes[end], []).append(line[-end])
-    for meeting in ends.values():
-        middle = np.mean(meeting, axis=0)
-        lines += [np.stack([end, middle]) for end in meeting]
-    canvas = np.zeros(shape, np.uint8)
-    width = round(2 * (_BODY * half_px + 1))
-    drawn = [(line - 0.5).round().astype(np.int32) for line in lines]
-    cv2.polylines(canvas, drawn, isClosed=False, color=(1,), thickness=width)
-    return canvas > 0
+def _without_narrow_gaps(rope: Mask) -> Mask:
+    """Return a mask without the gaps and holes in it that are narrow for its strands."""
+    if not rope.any():
+        return rope
+    half_px = half_width_px(ndimage.distance_transform_edt(rope)[rope])
+    reach = max(1, round(_NARROW * half_px))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    padded = np.pad(rope, 2 * reach).astype(np.uint8)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)
+    return without_small_holes(closed[2 * reach : -2 * reach, 2 * reach : -2 * reach] > 0)
+
+
+def _with_neighbours(skeleton: Skeleton, own: Mask, fitting: Mask) -> Mask:
+    """Return some strands and those fitting ones that are connected with them, bool (strands,)."""
+    while True:
+        nodes = {node for k in np.flatnonzero(own) for node in skeleton.strands[k].nodes}
+        meeting = [bool(nodes & set(strand.nodes)) for strand in skeleton.strands]
+        grown = own | (fitting & meeting)
+        if (grown == own).all():
+            return own
+        own = grown

@@ -19,6 +19,19 @@ _LEAST_TABLE: Final = 1e-4  # weight of the whole table's mean
 _DARK: Final = 0.002  # added to linear light, so that black has a logarithm
 
 
+def log_colour(rgb: Rgb) -> tuple[FloatArray, FloatArray]:
+    """Return the logarithm of linear light, split into light and tint.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB.
+
+    Returns:
+        The light: the mean over the channels, float64 (H, W). The tint: how much each channel
+        differs from it, float64 (H, W, 3).
+    """
+    return _split(np.log(_linear(rgb)))
+
+
 def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
     """Return log r, split into light and tint.
 
@@ -30,10 +43,19 @@ def log_ratio_to_table(rgb: Rgb, table: Mask) -> tuple[FloatArray, FloatArray]:
         The light: the mean of log r over the channels, float64 (H, W). The tint: how much log r
         of each channel differs from it, float64 (H, W, 3).
     """
-    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK  # of sRGB, about
-    log_ratio = np.log(linear / _nearby(linear, table, _TABLE_PX))
-    light = log_ratio.mean(axis=-1)
-    return light, log_ratio - light[..., None]
+    linear = _linear(rgb)
+    return _split(np.log(linear / _nearby(linear, table, _TABLE_PX)))
+
+
+def _linear(rgb: Rgb) -> FloatArray:
+    """Return about the linear light of sRGB, never 0."""
+    return np.asarray(((rgb / 255 + 0.055) / 1.055) ** 2.4 + _DARK)
+
+
+def _split(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the mean over channels, (H, W), and what differs from it, (H, W, 3)."""
+    light = values.mean(axis=-1)
+    return light, values - light[..., None]
 
 
 def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
