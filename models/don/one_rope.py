@@ -1,10 +1,9 @@
 """The strands of one rope, in a mask found in a picture that also shows cables or other ropes.
 
-The network for masks finds everything that looks like a rope. Where its mask cannot be that of one
-rope, the strands of its skeleton are compared: those of one rope have one width and one colour
-relative to the table around them, so that the edge of a shadow may cross them. The rope is the
-largest group of strands that are alike, those at the ball before others, and what meets it in its
-colour. Gaps and holes that are narrow for the rope, such as the second colour of a twisted one,
+The network for masks finds everything that looks like a rope. The strands of its skeleton are
+compared: those of one rope have one width, one tint, which a shadow does not change, about one
+light and one texture. The rope is the largest group of strands that are alike, those at the ball
+before others, and what meets it and looks like it. Gaps and holes that are narrow for the rope, such as the second colour of a twisted one,
 do not divide strands.
 """
 
@@ -23,7 +22,7 @@ from pliant.spec.arrays import FloatArray, IntArray, Mask, Rgb
 from pliant.spec.ball import without_small_holes
 from pliant.spec.io.resizing import with_longer_side
 
-# Set on 24 validation pictures of ropes next to cloths, ropes and cables.
+# Set on validation pictures of ropes next to cloths, ropes and cables (240 and 24).
 _SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
 _ALIKE: Final = 0.45  # distance of two strands of one rope
 _LIGHT, _DETAIL, _WIDTH = 0.25, 0.2, 0.7  # weights of logarithms in it; the tint's is 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
@@ -61,6 +62,14 @@ def test_ends_that_do_not_face_each_other_are_left() -> None:
     straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
     both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
     assert made_whole(both) is both
+
+
+def test_a_ball_says_that_a_turn_back_is_under_the_cover() -> None:
+    """Of two strands side by side, three ends are loose with a ball, and one rope has one."""
+    straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
+    both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
+    whole = made_whole(both, Ball(straight[0], 16.0))
+    assert ndimage.label(whole)[1] == 1
 
 
 def test_a_ball_that_is_away_is_bridged_to_and_keeps_its_end() -> None:

@@ -183,3 +183,13 @@ def test_without_a_ball_nothing_is_learnt() -> None:
     shown = [painted(np.random.default_rng(k)) for k in range(6)]
     bare = Drawn(masks, (each.replace(mask=each.objects) for each in shown))
     assert fit_ball(masks, [bare], pictures=4, seed=0) is None
+
+
+def test_a_rope_that_is_thick_next_to_cables_is_no_ball() -> None:
+    """All of it is deeper than a ball on the cables, whose width most of the mask has."""
+    thin = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+    for row in (12, 24, 36, 48, 200, 212, 224):
+        thin[row - 2 : row + 3, 10:310] = True
+    ball = disc(*ENDS["right"], 12)
+    found = ball_in(green(ball), drawn(knot=False) | ball | thin, GreenBall())
+    assert (found & ball).sum() > 0.5 * (found | ball).sum()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.baselines.tracing import MaskShape
 from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import Mask
 from tests.baselines.tracing.drawn_strands import SIZE, U, V, drawn
@@ -86,3 +87,23 @@ def test_a_rope_under_a_cloth_keeps_both_its_parts() -> None:
     cable = drawn(APART, 4.0)
     found, _ = of_one_rope(painted((rope, ROPE), (cable, CABLE)), rope | cable, None)
     assert overlap(found, rope) > 0.93
+
+
+def test_slits_between_the_colours_of_a_twisted_rope_do_not_divide_it() -> None:
+    """Of the second colour, which is that of the table, slits are left out of the mask."""
+    rope, cable = drawn(WAVE, 8.0), drawn(APART, 5.0)
+    slits = (U + V) % 20 < 5
+    seen = rope & ~slits | drawn(WAVE, 1.2)
+    rgb = painted((cable, CABLE), (rope, ROPE), (rope & slits, TABLE))
+    found, _ = of_one_rope(rgb, seen | cable, None)
+    assert overlap(found, seen) > 0.93
+
+
+def test_a_cable_on_the_end_of_a_rope_goes_though_both_could_be_one_rope() -> None:
+    rope, cable = drawn(WAVE, 7.0), drawn(WAVE[-1] + (WAVE[0] - WAVE[-1]) * 0.6 * S[:, None], 7.0)
+    rope &= U > 200
+    cable &= ~rope
+    rgb = painted((rope, ROPE), (cable, CABLE))
+    assert not MaskShape.of(rope | cable).several_ropes
+    found, _ = of_one_rope(rgb, rope | cable, None)
+    assert overlap(found, rope) > 0.9
