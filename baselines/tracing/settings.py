@@ -103,9 +103,9 @@ class TracingSettings:
         bridge_parts: Masks with more parts are not bridged (cost).
         bridge_reach: Length over which the direction of a loose end is measured (compared:
             leaving out the last one or two half widths does not reduce the error).
-        bridge_most: Largest cost of a bridge, rad² (compared on ropes with clutter, exact masks: with
-            1.2, 4.5 and 8, ropes next to cloths have 67.7, 58.6 and 57.7 px, others of them 75.0,
-            55.2 and 52.9; 4.9 is a turn back to a parallel strand).
+        bridge_most: Largest cost of a bridge, rad² (compared with exact masks: with 1.2, 4.5 and 8,
+            ropes next to cloths have 67.7, 58.6 and 57.7 px, others of them 75.0, 55.2 and 52.9;
+            4.9 is a turn back to a parallel strand).
         bridge_most_at_ball: The same where a ball is known, so that one end alone is free.
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_own: Largest cost of one between ends of the same part (unrecorded).

@@ -3,8 +3,8 @@
 The network for masks finds everything that looks like a rope. The strands of its skeleton are
 compared: those of one rope have one width, one tint, which a shadow does not change, about one
 light and one texture. The rope is the largest group of strands that are alike, those at the ball
-before others, and what meets it and looks like it. Gaps and holes that are narrow for the rope, such as the second colour of a twisted one,
-do not divide strands.
+before others, and what meets it and looks like it. Gaps and holes that are narrow for the rope,
+such as the second colour of a twisted one, do not divide strands.
 """
 
 from __future__ import annotations
