@@ -6,7 +6,8 @@ mask, and the vector g from the first to the second one, the cost is
     angle(d, g)^2 + angle(e, -g)^2 + 0.02 |g| / h,
 
 with h half of the rope's width. The cheapest bridges are built first, one at each end: between
-parts that are not connected yet, or between further ends of one part. A bridge is a band as wide
+parts that are not connected yet, or between further ends of one part. With a ball, one end alone is
+free, so that dearer bridges between parts are built too. A bridge is a band as wide
 as the rope along the cubic Hermite curve with these directions. A ball that is away from its rope
 is an end without a direction. Two ends at the border of the picture are joined outside of it; how
 the rope turns there is unknown, so that their angles cost nothing.

@@ -110,12 +110,12 @@ class BallCandidates:
         least_px = _LEAST_DEPTH * self.half_px
         cores, _ = ndimage.label(self.depth_px > least_px)
         to_core_px = np.where(cores > 0, apart_px, np.inf)
+        disc = np.asarray(apart_px <= radius * self.half_px)
         if to_core_px.min() > _NEAR * self.half_px:
-            return np.asarray(apart_px <= radius * self.half_px)
+            return disc
         core = cores == cores.flat[to_core_px.argmin()]
         part = self.objects & (ndimage.distance_transform_edt(~core) <= least_px + 0.5)
-        # Next to thin cables, a whole rope is thick.
-        return part if is_round(part) else np.asarray(apart_px <= radius * self.half_px)
+        return part if is_round(part) else disc  # next to thin cables, a whole rope is thick
 
 
 def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:

@@ -55,7 +55,7 @@ def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | N
     small_ball = None if ball is None else resized(ball, shape)
     if several and small_ball is not None and not is_round(small_ball):
         small_ball = ball = None
-    kept = small & _kept(picture, small, small_ball)
+    kept = _kept(picture, small, small_ball)
     if not several and kept.sum() > _ONE_ROPE * small.sum():
         return rope, ball
     return rope & resized(kept, rope.shape), ball
@@ -142,8 +142,6 @@ def _looks(picture: Rgb, label: IntArray, inner: Mask, half: FloatArray) -> Floa
 
 def _without_narrow_gaps(rope: Mask) -> Mask:
     """Return a mask without the gaps and holes in it that are narrow for its strands."""
-    if not rope.any():
-        return rope
     half_px = half_width_px(ndimage.distance_transform_edt(rope)[rope])
     reach = max(1, round(_NARROW * half_px))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))

@@ -9,7 +9,7 @@ from pliant.baselines.tracing import MaskShape
 from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import Mask
 from tests.baselines.tracing.drawn_strands import SIZE, U, V, drawn
-from tests.models.don.test_segmentation import overlap
+from tests.models.don.test_segmentation import encoded, overlap
 
 S = np.linspace(0, 1, 2000)
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
@@ -30,9 +30,8 @@ def painted(*parts: tuple[Mask, tuple[int, int, int]]) -> np.ndarray:
 def with_light(rgb: np.ndarray, share: float) -> np.ndarray:
     """Colours, uint8, where only a share of the light is left, by the curve of sRGB."""
     value = rgb / 255
-    linear = share * np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    value = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * value).astype(np.uint8))
+    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return encoded(share * linear)
 
 
 @pytest.mark.parametrize(("half_px", "colour"), [(7.0, CABLE), (3.5, CABLE), (3.5, ROPE)])
