@@ -28,7 +28,8 @@ def work(ready):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         ready.set()
-        time.sleep(60)
+        while True:  # a signal just before a long sleep would wait for its end
+            time.sleep(0.05)
     except KeyboardInterrupt:
         print("child saved", flush=True)
 
@@ -40,7 +41,8 @@ if __name__ == "__main__":
             child.start()
             ready.wait()
             os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(60)
+            while True:
+                time.sleep(0.05)
     except KeyboardInterrupt:
         child.join(30)
         sys.exit(child.exitcode)

@@ -26,7 +26,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background
 with terminated_like_interrupted(""), staged(Path(sys.argv[1])) as place:
     (place / "half").write_text("half")
     print("ready", flush=True)
-    time.sleep(60)
+    while True:  # a signal just before a long sleep would wait for its end
+        time.sleep(0.05)
 """
 
 
