@@ -3,14 +3,17 @@
 Loose ends that face each other are one rope. Of two ends with the directions d and e, out of the
 mask, and the vector g from the first to the second one, the cost is
 
-    angle(d, g)^2 + angle(e, -g)^2 + 0.02 |g| / h,
+    angle(d, g')^2 + angle(e, -g')^2 + 0.02 |g| / h,
 
-with h half of the rope's width. The cheapest bridges are built first, one at each end: between
-parts that are not connected yet, or between further ends of one part. With a ball, one end alone is
-free, so that dearer bridges between parts are built too. A bridge is a band as wide
-as the rope along the cubic Hermite curve with these directions. A ball that is away from its rope
-is an end without a direction. Two ends at the border of the picture are joined outside of it; how
-the rope turns there is unknown, so that their angles cost nothing.
+with h half of the rope's width. Between different parts g' is g + 2 h (d - e), which leads from
+inside of one strand to inside of the other, since the line across a narrow gap that is cut at a
+slant says nothing; within one part it is g. The cheapest bridges are built first, one at each end:
+between parts that are not connected yet, or between further ends of one part. With a ball, one end
+alone is free, so that dearer bridges are built too, and those of a loop in a mask of one part. A
+bridge is a band as wide as the rope along the cubic Hermite curve with these directions. A ball is
+an end without a direction where it is away from its rope, or only a rest of the rope is at it. Two
+ends at the border of the picture are joined outside of it; how the rope turns there is unknown, so
+that their angles cost nothing.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from pliant.baselines.tracing.depth_in_mask import MARGIN
 from pliant.baselines.tracing.ends import Ball
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import Skeleton
-from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.arrays import FloatArray, IntArray, Mask
 
 _BALL: Final = 0  # the number of its part
 _STATIONS: Final = 24
@@ -86,16 +89,13 @@ def bridged(
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     parts = [int(k) for k in np.flatnonzero(sizes >= TRACING.bridge_least * half_px**2)]
-    lonely = ball is not None and _gap(small, ball, factor) > TRACING.bridge_ball * half_px
-    if not (1 if margin else 2) <= len(parts) + lonely <= TRACING.bridge_parts:
+    is_one = len(parts) < 2 and ball is None and not margin
+    if is_one or len(parts) > TRACING.bridge_parts:
         return mask
     ends = [end for part in parts for end in _loose_ends(labels == part, half_px, part)]
     if ball is not None:
         middle, radius = ball.middle_px / factor, ball.radius_px / factor
-        at_ball = _BESIDE_BALL * radius + 2 * half_px
-        ends = [end for end in ends if np.linalg.norm(end.place - middle) > at_ball]
-        if lonely:
-            ends.append(_End(_BALL, middle, None))
+        ends = _away_from_ball(ends, labels, middle, radius, half_px)
     if margin:
         size_px = np.array(mask.shape[::-1], dtype=np.float64)
         ends = [
@@ -114,11 +114,27 @@ def bridged(
     return np.asarray(picture) > 0
 
 
-def _gap(mask: Mask, ball: Ball, factor: int) -> float:
-    """Return how far a ball is from a mask, pixels of the mask."""
-    places = np.argwhere(mask)[:, ::-1] + 0.5
-    away = np.linalg.norm(places - ball.middle_px / factor, axis=1).min(initial=np.inf)
-    return float(away) - ball.radius_px / factor
+def _away_from_ball(
+    ends: list[_End], labels: IntArray, middle: FloatArray, radius: float, half_px: float
+) -> list[_End]:
+    """Return the ends that are not at the ball, and the ball where nothing else leads from it.
+
+    Args:
+        ends: The loose ends.
+        labels: int (h, w), the number of each pixel's part, 0 outside of the mask.
+        middle: float64 (2,), (u, v), of the ball.
+        radius: Of the ball.
+        half_px: Half of the rope's width.
+    """
+    near = _BESIDE_BALL * radius + 2 * half_px
+    ends = [end for end in ends if np.linalg.norm(end.place - middle) > near]
+    pixels = np.argwhere(labels > 0)
+    gap = np.linalg.norm(pixels[:, ::-1] + 0.5 - middle, axis=1)
+    own = int(labels[tuple(pixels[gap.argmin()])])
+    if gap.min() - radius > TRACING.bridge_ball * half_px:
+        own = _BALL
+    alone = all(end.part != own for end in ends)
+    return [*ends, _End(own, middle, None)] if alone else ends
 
 
 def _loose_ends(mask: Mask, half_px: float, part: int) -> Iterator[_End]:
@@ -151,13 +167,15 @@ def _bridges(ends: list[_End], half_px: float, free: int) -> Iterator[tuple[_End
     ranked = sorted((_cost(*pair, half_px), number, pair) for number, pair in enumerate(pairs))
     group = {end.part: end.part for end in ends}
     left = set(ends)
-    most = TRACING.bridge_most_at_ball if free == 1 else TRACING.bridge_most
+    most, most_own = TRACING.bridge_most, TRACING.bridge_own
+    if free == 1:
+        most = most_own = TRACING.bridge_most_at_ball
     for cost, _, (one, other) in ranked:
         if one not in left or other not in left:
             continue
         first, second = group[one.part], group[other.part]
         spare = len(left) > free + 1
-        if cost < most if first != second else cost < TRACING.bridge_own and spare:
+        if cost < most if first != second else cost < most_own and spare:
             group = {part: first if own == second else own for part, own in group.items()}
             left -= {one, other}
             yield one, other
@@ -170,7 +188,10 @@ def _cost(one: _End, other: _End, half_px: float) -> float:
     cost = TRACING.bridge_length * length / half_px
     if one.at_border and other.at_border:
         return cost
-    turns = [one.turn(gap / length), other.turn(-gap / length)]
+    if one.part != other.part and one.outward is not None and other.outward is not None:
+        gap = gap + TRACING.bridge_back * half_px * (one.outward - other.outward)
+    way = gap / max(float(np.linalg.norm(gap)), 1e-6)
+    turns = [one.turn(way), other.turn(-way)]
     known = [turn for turn in turns if turn is not None]
     return 2 * float(np.mean(np.square(known))) + cost
 

@@ -106,9 +106,14 @@ class TracingSettings:
         bridge_most: Largest cost of a bridge, rad² (compared with exact masks: with 1.2, 4.5 and 8,
             ropes next to cloths have 67.7, 58.6 and 57.7 px, others of them 75.0, 55.2 and 52.9;
             4.9 is a turn back to a parallel strand).
-        bridge_most_at_ball: The same where a ball is known, so that one end alone is free.
+        bridge_most_at_ball: The same, also between ends of one part, where a ball is known, so that
+            one end alone is free (compared: of 150 ropes next to cables and 150 next to cloths,
+            18 and 32 are read wrongly with 3, 17 and 29 with 8; with 10 one less of the first).
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
-        bridge_own: Largest cost of one between ends of the same part (unrecorded).
+        bridge_back: How far inside of either strand the line starts whose angles count (compared:
+            on the same ropes with 0, 1 and 2, the first reading is off by 0.023, 0.021 and
+            0.021 of the length next to cables, and by 0.022 next to cloths).
+        bridge_own: Largest cost of one between ends of the same part without a ball (unrecorded).
         bridge_ball: A ball that is farther from the rope is bridged to (unrecorded).
         border_reach: Half widths between a cut end and the border of the picture at most
             (unrecorded; none of 192 ropes of the reference benchmark is called cut).
@@ -190,8 +195,9 @@ class TracingSettings:
     bridge_parts: int = 12
     bridge_reach: float = 4.0
     bridge_most: float = 4.5
-    bridge_most_at_ball: float = 8.0
+    bridge_most_at_ball: float = 10.0
     bridge_length: float = 0.02
+    bridge_back: float = 2.0
     bridge_own: float = 0.8
     bridge_ball: float = 4.0
     border_reach: float = 0.5

@@ -1,10 +1,11 @@
 """The ball at a rope's first end, in a mask that covers both or lacks it.
 
 A ball is thicker than the rope, but so are crossings and knots; and a ball of the table's colour is
-missing from the mask. So every thick place and every end of the mask is a candidate, and a small
-network says of each, from the picture and the mask around it, whether a ball is there, and where
-and how large it is. Where the mask covers the likeliest one, it is cut out of it; otherwise a disc
-is drawn where the network sees it.
+missing from the mask, and something may cover the rope next to it. So every thick place and every
+end of the mask is a candidate, and every circle that edges of the picture form; a small network
+says of each, from the picture and the mask around it, whether a ball is there, and where and how
+large it is. Where the mask covers the likeliest one, it is cut out of it; otherwise a disc is drawn
+where the network sees it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 import torch
 from scipy import ndimage
@@ -27,6 +29,15 @@ _THICK: Final = 1.15  # a candidate's depth, unless it is an end
 _LEAST_DEPTH: Final = 1.5  # of a ball that the mask covers
 _NEAR: Final = 1.0  # from such a ball to where the network sees its middle
 _AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
+_RADII: Final = (1.0, 10.0)  # of circles
+
+# Of OpenCV's Hough transform, in pixels of a picture 320 pixels wide.
+_LEAST_RADIUS_PX: Final = 3
+_APART_PX: Final = 6
+_CELL_PX: Final = 1.5
+_EDGE: Final = 100  # of a gradient; a plane goes from 0 to 255
+_LEAST_RANGE: Final = 10.0  # of a plane of CIELAB; a grey picture has noise in two of them
+_ROUNDNESS: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -49,20 +60,22 @@ class BallCandidates:
     outward: FloatArray
 
     @classmethod
-    def of(cls, objects: Mask) -> BallCandidates | None:
-        """Return the candidates of a mask, or None where it shows no rope.
+    def of(cls, objects: Mask, picture: Float32Array) -> BallCandidates | None:
+        """Return the candidates in a picture, or None where its mask shows no rope.
 
         Args:
             objects: bool (H, W), where the rope or its ball is seen.
+            picture: float32 (H, W, 3), colours from 0 to 1.
         """
         depth_px = depth_in_mask(objects, objects.shape[1])
         middle = ridge(depth_px, 1.0)
         if not middle.any():
             return None
         half_px = float(np.median(depth_px[middle]))
-        place = np.array([*thick_places(depth_px, _THICK * half_px), *_ends(objects)])
-        near = [objects & (distances_px(each, objects.shape) < _AT_END * half_px) for each in place]
-        out = place - np.array([np.argwhere(own).mean(axis=0) for own in near])
+        circles = _circles(picture, half_px)
+        place = np.array([*thick_places(depth_px, _THICK * half_px), *_ends(objects), *circles])
+        rope = np.argwhere(objects)
+        out = place - np.array([_middle_near(each, rope, _AT_END * half_px) for each in place])
         length = np.linalg.norm(out, axis=1, keepdims=True)
         outward = np.where(length > 0.5, out / np.maximum(length, 0.5), [0.0, 1.0])
         return cls(objects, depth_px, half_px, place, outward)
@@ -129,7 +142,7 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     Returns:
         bool (H, W), a part of `objects`, or a disc.
     """
-    candidates = BallCandidates.of(objects)
+    candidates = BallCandidates.of(objects, picture)
     if candidates is None:
         return np.zeros_like(objects)
     with torch.inference_mode():
@@ -150,6 +163,40 @@ def distances_px(place: RealArray | IntArray, shape: tuple[int, ...]) -> FloatAr
     """Return the distance of every pixel to a place (row, column), float64 of a shape (H, W)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))
+
+
+def _middle_near(place: IntArray, rope: IntArray, radius_px: float) -> FloatArray:
+    """Return the middle of a rope's pixels (N, 2) within a radius of a place, or of the nearest."""
+    away_px = np.hypot(*(rope - place).T)
+    return np.asarray(rope[away_px < max(radius_px, away_px.min() + radius_px / 2)].mean(axis=0))
+
+
+def _circles(picture: Float32Array, half_px: float) -> list[tuple[int, int]]:
+    """Return the middles, (row, column), of circles that edges form in any plane of CIELAB.
+
+    Args:
+        picture: float32 (H, W, 3), colours from 0 to 1.
+        half_px: Half of the rope's width.
+    """
+    places: list[tuple[int, int]] = []
+    least_px, most_px = (max(_LEAST_RADIUS_PX, round(each * half_px)) for each in _RADII)
+    for plane in np.moveaxis(cv2.cvtColor(picture, cv2.COLOR_RGB2LAB), 2, 0):
+        smooth = cv2.GaussianBlur(plane, (0, 0), 1.0)
+        grey = (smooth - smooth.min()) * (255 / max(float(np.ptp(smooth)), _LEAST_RANGE))
+        found = cv2.HoughCircles(
+            grey.astype(np.uint8),
+            cv2.HOUGH_GRADIENT_ALT,
+            dp=_CELL_PX,
+            minDist=_APART_PX,
+            param1=_EDGE,
+            param2=_ROUNDNESS,
+            minRadius=least_px,
+            maxRadius=most_px,
+        )
+        for column, row in [] if found is None else found[0, :, :2].astype(int).tolist():
+            if all(np.hypot(row - r, column - c) >= _APART_PX for r, c in places):
+                places.append((row, column))
+    return places
 
 
 def _ends(objects: Mask) -> list[tuple[int, int]]:

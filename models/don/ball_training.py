@@ -109,13 +109,14 @@ def _candidates(
         ball = resized(objects & ~frame.mask, found.shape)
         if rng.random() < _LACKING:
             found = _without(ball, found, rng)
-        candidates = BallCandidates.of(found)
+        picture = picture_as(found, rgb)
+        candidates = BallCandidates.of(found, picture)
         if candidates is not None:
             gap_px = ndimage.distance_transform_edt(~ball)[tuple(candidates.place.T)]
             near = ball.any() & (gap_px <= _NEAR * candidates.half_px)
             balls = candidates.seen_from(ball) if ball.any() else np.zeros((len(near), 3))
             yield _Candidates(
-                candidates.patches(picture_as(found, rgb)),
+                candidates.patches(picture),
                 torch.from_numpy(near).float(),
                 torch.from_numpy(balls).float(),
             )

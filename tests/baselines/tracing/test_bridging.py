@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
-from pliant.baselines.tracing.bridging import bridged
+from pliant.baselines.tracing.bridging import _cost, _End, bridged
 from pliant.baselines.tracing.depth_in_mask import (
     depth_in_mask,
     half_width_px,
@@ -70,6 +72,41 @@ def test_a_ball_says_that_a_turn_back_is_under_the_cover() -> None:
     both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
     whole = made_whole(both, Ball(straight[0], 16.0))
     assert ndimage.label(whole)[1] == 1
+
+
+T = 2 * S - 1
+LOOP = np.stack([320 + 416 * (T**3 - 0.6 * T), 110 + 270 * T**2], axis=1)
+
+
+def test_the_covered_part_of_a_loop_is_bridged_where_a_ball_is_known() -> None:
+    """What is seen is one part, connected at the crossing, but three of its ends are loose."""
+    rope, cover = drawn(LOOP, HALF_PX), V < 170
+    ball = np.hypot(U - LOOP[0, 0], V - LOOP[0, 1]) < 16
+    traced = rope_traces(rope & ~cover & ~ball, rope & ~cover | ball)[0]
+    far, _ = cKDTree(LOOP).query(traced.uv_px)
+    assert far[traced.uv_px[:, 1] > 175].max() < HALF_PX
+    turn = np.linalg.norm(traced.uv_px - LOOP[0], axis=1)
+    assert turn[0] < 20 < 300 < turn[-1]
+
+
+def test_the_rest_of_a_rope_at_its_ball_is_bridged_to() -> None:
+    """It is so short that both of its ends are at the ball."""
+    rope = drawn(WAVE, HALF_PX)
+    cover = (U > 78) & (U < 150)
+    whole = made_whole(rope & ~cover, Ball(WAVE[0], 16.0))
+    assert ndimage.label(whole)[1] == 1
+    assert (whole & rope & cover).sum() > 0.4 * (rope & cover).sum()
+
+
+def test_ends_at_a_narrow_gap_that_is_cut_at_a_slant_face_each_other() -> None:
+    """The line between them is across the rope: where it leads says nothing."""
+    way = np.array([0.55, 0.835])
+    one = _End(1, np.array([326.0, 255.0]), way)
+    across = _End(2, np.array([320.0, 255.0]), -way)
+    elsewhere = _End(3, one.place + 60 * np.array([0.8, 0.6]), np.array([-0.6, -0.8]))
+    assert _cost(one, across, HALF_PX) < _cost(one, elsewhere, HALF_PX)
+    # Those of one part really have to face each other: its own short strand is between them.
+    assert _cost(one, replace(across, part=1), HALF_PX) > 4
 
 
 def test_a_ball_that_is_away_is_bridged_to_and_keeps_its_end() -> None:

@@ -73,6 +73,17 @@ def test_a_ball_that_the_mask_lacks_is_where_the_network_sees_it(
     assert (found & ball).sum() > 0.8 * (found | ball).sum()
 
 
+@pytest.mark.parametrize("row", [40, 200])
+@pytest.mark.parametrize("radius_px", [12, 20])
+def test_a_ball_is_found_where_something_covers_the_rope_next_to_it(
+    row: int, radius_px: int
+) -> None:
+    """No end and no thick place of the mask is near it."""
+    ball = disc(row, 220, radius_px)
+    found = ball_in(green(ball), drawn(), GreenBall())
+    assert (found & ball).sum() > 0.8 * (found | ball).sum()
+
+
 def test_where_the_network_sees_none_a_knot_is_none() -> None:
     nothing = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
     assert not ball_in(green(nothing), drawn(), GreenBall()).any()
@@ -82,9 +93,9 @@ def test_where_the_network_sees_none_a_knot_is_none() -> None:
 def test_a_patch_has_the_rope_on_its_left_at_the_same_width() -> None:
     for turns in range(4):
         mask = np.rot90(drawn(knot=False), turns)
-        candidates = known(BallCandidates.of(np.ascontiguousarray(mask)))
-        assert len(candidates.place) == 2
         picture = np.zeros((*mask.shape, 3), dtype=np.float32)
+        candidates = known(BallCandidates.of(np.ascontiguousarray(mask), picture))
+        assert len(candidates.place) == 2
         patches = candidates.patches(picture).numpy()
         assert patches.shape == (2, 4, PATCH, PATCH)
         half = PATCH // 2
@@ -95,7 +106,9 @@ def test_a_patch_has_the_rope_on_its_left_at_the_same_width() -> None:
 
 
 def test_a_ball_seen_from_any_candidate_is_drawn_where_it_is() -> None:
-    candidates, ball = known(BallCandidates.of(drawn(knot=False))), disc(60, 200, 15)
+    ball = disc(60, 200, 15)
+    candidates = known(BallCandidates.of(drawn(knot=False), green(ball)))
+    assert len(candidates.place) == 3  # both ends, and the circle
     for number, seen in enumerate(candidates.seen_from(ball)):
         found = candidates.ball(number, *seen.tolist())
         assert (found & ball).sum() > 0.9 * (found | ball).sum()
