@@ -103,6 +103,7 @@ class MaskStage(Settings):
         of: What it finds.
         later: Steps of each cycle with pictures in other light and without colour.
         later_sets: Names of sets that only these cycles see.
+        ball_sets: Names of sets that only the network for the ball sees, next to `sets`.
     """
 
     sets: tuple[str, ...]
@@ -110,6 +111,7 @@ class MaskStage(Settings):
     of: Literal["rope", "cloth"]
     later: tuple[Count, ...] = ()
     later_sets: tuple[str, ...] = ()
+    ball_sets: tuple[str, ...] = ()
 
 
 class ModelRecipe(Settings):
@@ -192,7 +194,7 @@ def read_recipe(
             )
         earlier.add(name)
     if recipe.masks is not None:
-        for key in ("sets", "later_sets"):
+        for key in ("sets", "later_sets", "ball_sets"):
             _check_known(set(getattr(recipe.masks, key)), set(recipe.sets), path, f"masks.{key}")
     return recipe
 
@@ -304,7 +306,7 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> No
             )
         save_weights(run / MASKS, network.state_dict())
     if stage.of == "rope" and not (run / BALL).is_file():
-        masks, sets = MaskNetwork(), frames(stage.sets)
+        masks, sets = MaskNetwork(), frames((*stage.sets, *stage.ball_sets))
         load_weights(masks, run / MASKS)
         pictures = min(PICTURES, _MOST_SHOWN * sum(map(len, sets)))
         with watched("ball", pictures) as progress:

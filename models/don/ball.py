@@ -31,6 +31,8 @@ _NEAR: Final = 1.0  # from such a ball to where the network sees its middle
 _AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
 _RADII: Final = (1.0, 10.0)  # of circles
 
+_SURE: Final = 1.5  # log odds of a ball; the largest of some 25 candidates is above 0 by chance
+
 # Of OpenCV's Hough transform, in pixels of a picture 320 pixels wide.
 _LEAST_RADIUS_PX: Final = 3
 _APART_PX: Final = 6
@@ -148,7 +150,7 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     with torch.inference_mode():
         odds, balls = network(candidates.patches(picture))
     best = int(odds.argmax())
-    if odds[best] <= 0:
+    if odds[best] <= _SURE:
         return np.zeros_like(objects)
     return candidates.ball(best, *balls[best].tolist())
 
