@@ -13,14 +13,15 @@ alone is free, so that dearer bridges are built too, and those of a loop in a ma
 bridge is a band as wide as the rope along the cubic Hermite curve with these directions. A ball is
 an end without a direction where it is away from its rope, or only a rest of the rope is at it. Two
 ends at the border of the picture are joined outside of it; how the rope turns there is unknown, so
-that their angles cost nothing.
+that their angles cost nothing. Where the table is seen, nothing hides a rope: a bridge costs up to
+five times as much, in proportion to what is seen of the table along it.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -32,7 +33,10 @@ from pliant.baselines.tracing.depth_in_mask import MARGIN
 from pliant.baselines.tracing.ends import Ball
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import Skeleton
-from pliant.spec.arrays import FloatArray, IntArray, Mask
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, Mask
+
+TableSeen = Callable[[FloatArray], BoolArray]
+"""float64 (N, 2), places in image pixels -> bool (N,), whether the table is seen there."""
 
 _BALL: Final = 0  # the number of its part
 _STATIONS: Final = 24
@@ -73,7 +77,13 @@ def exits(mask: Mask) -> int:
 
 
 def bridged(
-    mask: Mask, small: Mask, factor: int, half_px: float, ball: Ball | None, margin: int = 0
+    mask: Mask,
+    small: Mask,
+    factor: int,
+    half_px: float,
+    ball: Ball | None,
+    margin: int = 0,
+    table: TableSeen | None = None,
 ) -> Mask:
     """Return a rope's mask with its gaps bridged; one without gaps is returned itself.
 
@@ -84,6 +94,7 @@ def bridged(
         half_px: About half of the rope's width, pixels of `small`.
         ball: The rope's ball, in pixels of `mask`, or None.
         margin: Empty rows and columns of `mask` around the picture, for bridges outside.
+        table: Where the table is seen, in pixels of `mask`, or None.
     """
     labels, _ = ndimage.label(small, np.ones((3, 3)))
     sizes = np.bincount(labels.ravel())
@@ -102,7 +113,12 @@ def bridged(
             _with_border(end, end.place * factor - margin, size_px - 2 * margin, half_px * factor)
             for end in ends
         ]
-    bridges = list(_bridges(ends, half_px, 2 if ball is None else 1))
+
+    def cost(one: _End, other: _End) -> float:
+        bare = 0.0 if table is None else _bare(_curve(one, other), small, table, factor)
+        return _cost(one, other, half_px) * (1 + TRACING.bridge_bare * bare)
+
+    bridges = list(_bridges(ends, cost, 2 if ball is None else 1))
     if not bridges:
         return mask
     picture = Image.fromarray(mask).convert("L")
@@ -155,16 +171,18 @@ def _with_border(end: _End, place_px: FloatArray, size_px: FloatArray, half_px: 
     return replace(end, at_border=away_px < reach_px)
 
 
-def _bridges(ends: list[_End], half_px: float, free: int) -> Iterator[tuple[_End, _End]]:
+def _bridges(
+    ends: list[_End], cost_of: Callable[[_End, _End], float], free: int
+) -> Iterator[tuple[_End, _End]]:
     """Yield the pairs of ends that are bridged.
 
     Args:
         ends: The loose ends.
-        half_px: Half of the rope's width.
+        cost_of: What a bridge between two of them costs, rad².
         free: Ends that stay loose.
     """
     pairs = itertools.combinations(ends, 2)
-    ranked = sorted((_cost(*pair, half_px), number, pair) for number, pair in enumerate(pairs))
+    ranked = sorted((cost_of(*pair), number, pair) for number, pair in enumerate(pairs))
     group = {end.part: end.part for end in ends}
     left = set(ends)
     most, most_own = TRACING.bridge_most, TRACING.bridge_own
@@ -194,6 +212,15 @@ def _cost(one: _End, other: _End, half_px: float) -> float:
     turns = [one.turn(way), other.turn(-way)]
     known = [turn for turn in turns if turn is not None]
     return 2 * float(np.mean(np.square(known))) + cost
+
+
+def _bare(curve: FloatArray, mask: Mask, table: TableSeen, factor: int) -> float:
+    """Return the share of a curve (N, 2), outside of the mask, along which the table is seen."""
+    column, row = np.floor(curve).astype(np.int64).T
+    height, width = mask.shape
+    column, row = column.clip(0, width - 1), row.clip(0, height - 1)
+    outside = curve[~mask[row, column]]
+    return float(table(outside * factor).mean()) if len(outside) else 0.0
 
 
 def _curve(one: _End, other: _End) -> FloatArray:

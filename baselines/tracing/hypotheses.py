@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageFilter
 
-from pliant.baselines.tracing.bridging import bridged, exits
+from pliant.baselines.tracing.bridging import TableSeen, bridged, exits
 from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
@@ -94,6 +94,7 @@ def rope_traces(
     objects: Mask | None = None,
     likelihood: Likelihood | None = None,
     nadir: Nadir | None = None,
+    table: TableSeen | None = None,
 ) -> list[Trace]:
     """Return the ways to read a mask as one rope.
 
@@ -108,17 +109,19 @@ def rope_traces(
         objects: bool (H, W), the rope and its ball; None or no more than the rope without a ball.
         likelihood: What is seen at places of the image says of where along the rope they are.
         nadir: Where the camera looks straight down; None for the middle of the image.
+        table: Where the picture shows the table, so that nothing hides a rope there.
 
     Returns:
         Traces, the most plausible first; empty where the mask shows no rope.
     """
     nadir = nadir or Nadir.of_image(mask.shape)
     if exits(mask) < 2:
-        return _readings(mask, objects, likelihood, nadir, 0)
+        return _readings(mask, objects, likelihood, nadir, 0, table)
     size, margin = mask.shape[::-1], round(TRACING.border_margin * max(mask.shape))
     shown = None if objects is None else np.pad(objects, margin)
     around = None if likelihood is None else lambda uv_px: likelihood(uv_px - margin)
-    traces = _readings(np.pad(mask, margin), shown, around, nadir.scaled(1.0, margin), margin)
+    bare = None if table is None else lambda uv_px: table(uv_px - margin)
+    traces = _readings(np.pad(mask, margin), shown, around, nadir.scaled(1.0, margin), margin, bare)
     return [_without_margin(trace, margin, size) for trace in traces]
 
 
@@ -130,7 +133,12 @@ def _without_margin(trace: Trace, margin_px: int, size: tuple[int, ...]) -> Trac
 
 
 def _readings(
-    mask: Mask, objects: Mask | None, likelihood: Likelihood | None, nadir: Nadir, margin: int
+    mask: Mask,
+    objects: Mask | None,
+    likelihood: Likelihood | None,
+    nadir: Nadir,
+    margin: int,
+    table: TableSeen | None,
 ) -> list[Trace]:
     """Return the traces of a mask around whose picture `margin` pixels were added."""
     factor = working_factor(mask)
@@ -143,7 +151,7 @@ def _readings(
     shown = mask
     depth = depth_in_mask(small)
     half_px = half_width_px(depth)
-    without_gaps = bridged(mask, small, factor, half_px, ball, margin)
+    without_gaps = bridged(mask, small, factor, half_px, ball, margin, table)
     if without_gaps is not mask:
         mask, small = without_gaps, shrunk(without_gaps, factor)
         depth = depth_in_mask(small)

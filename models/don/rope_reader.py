@@ -23,6 +23,7 @@ from pliant.models.don.described import DescribedView, ViewDescriber
 from pliant.models.don.prints import settled_by_print
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.square import other_quarter_turns, turned, upright_turn
+from pliant.models.don.table import SeenTable
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.crossing_network import CrossingNetwork
@@ -186,7 +187,8 @@ class RopeReader:
         if view.mask is not None:
             given = None if says is None else lambda uv_px: says(uv_px / factor)
             mask, objects = view.mask, view.objects
-            traces = rope_traces(mask, objects, given, seen.nadir)
+            table = SeenTable(view.rgb, mask if objects is None else mask | objects)
+            traces = rope_traces(mask, objects, given, seen.nadir, table)
         elif own.mask is not None:
             mask, objects = own.mask, own.objects
             traces = enlarged(rope_traces(mask, objects, says), factor)

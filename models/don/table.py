@@ -6,17 +6,22 @@ darkens both alike, so log r is the same on either side of its edge.
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
 
-from pliant.spec.arrays import FloatArray, Mask, Rgb
+from pliant.spec.arrays import BoolArray, FloatArray, Mask, Rgb
 
 _TABLE_PX: Final = 12.0  # standard deviation of the Gaussian of `log_ratio_to_table`
 _TABLE_SHARE: Final = 0.15  # that of `on_plain_table`, as a share of the picture's width
 _LEAST_TABLE: Final = 1e-4  # weight of the whole table's mean
 _DARK: Final = 0.002  # added to linear light, so that black has a logarithm
+_LIGHT: Final = 0.5  # weight of the light of `SeenTable`; the tint's is 1
+_SPREADS: Final = 3.0
+_LEAST, _MOST = 0.1, 0.4  # distance of colours of one table
 
 
 def log_colour(rgb: Rgb) -> tuple[FloatArray, FloatArray]:
@@ -56,6 +61,38 @@ def _split(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the mean over channels, (H, W), and what differs from it, (H, W, 3)."""
     light = values.mean(axis=-1)
     return light, values - light[..., None]
+
+
+@dataclass(frozen=True)
+class SeenTable:
+    """Where a picture shows the table, whose colour is that of most of the picture.
+
+    Attributes:
+        rgb: uint8 (H, W, 3), sRGB.
+        objects: bool (H, W), what is known to be none of it.
+    """
+
+    rgb: Rgb
+    objects: Mask
+
+    def __call__(self, uv_px: FloatArray) -> BoolArray:
+        """Return whether the table is seen at places (N, 2), bool (N,); outside it is not."""
+        height, width = self._seen.shape
+        column, row = np.floor(uv_px).astype(np.int64).T
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at = row.clip(0, height - 1), column.clip(0, width - 1)
+        return np.asarray(inside & self._seen[at])
+
+    @functools.cached_property
+    def _seen(self) -> Mask:
+        light, tint = log_colour(self.rgb)
+        look = np.dstack([tint, _LIGHT * light])
+        away = ~self.objects & self.rgb.any(axis=2)  # pixels outside of a turned picture are black
+        if not away.any():
+            return away
+        apart = np.linalg.norm(look - np.median(look[away], axis=0), axis=2)
+        limit = float(np.clip(_SPREADS * np.median(apart[away]), _LEAST, _MOST))
+        return np.asarray(away & (apart < limit))
 
 
 def on_plain_table(rgb: Rgb, objects: Mask) -> Rgb:
