@@ -107,7 +107,7 @@ def test_small_networks_are_trained_once(
         return MaskNetwork()
 
     def ball(*_: object, pictures: int, **__: object) -> BallNetwork:
-        assert pictures == 3 * len(sheet_dataset.frames("train"))
+        assert pictures == 2 * 3 * len(sheet_dataset.frames("train"))
         trained.append(BALL)
         return BallNetwork()
 
@@ -120,7 +120,10 @@ def test_small_networks_are_trained_once(
     write_settings(run, DonSettings())
     for _ in range(2):
         _train_masks(
-            MaskStage(sets=("x",), steps=1, of=of), tmp_path, run, lambda *_: nullcontext()
+            MaskStage(sets=("x",), steps=1, of=of, ball_sets=("x",)),
+            tmp_path,
+            run,
+            lambda *_: nullcontext(),
         )
         assert trained == expected
         assert sorted(path.name for path in run.glob("*.safetensors")) == sorted(expected)

@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
-from pliant.baselines.tracing.bridging import _cost, _End, bridged
+from pliant.baselines.tracing.bridging import TableSeen, _cost, _End, bridged
 from pliant.baselines.tracing.depth_in_mask import (
     depth_in_mask,
     half_width_px,
@@ -18,6 +18,7 @@ from pliant.baselines.tracing.depth_in_mask import (
     working_factor,
 )
 from pliant.baselines.tracing.ends import Ball
+from pliant.spec.arrays import BoolArray, FloatArray
 from tests.baselines.tracing.drawn_strands import U, V, drawn
 
 HALF_PX = 6.0
@@ -25,11 +26,14 @@ S = np.linspace(0, 1, 2000)
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
 
 
-def made_whole(mask: np.ndarray, ball: Ball | None = None) -> np.ndarray:
+def made_whole(
+    mask: np.ndarray, ball: Ball | None = None, table: TableSeen | None = None
+) -> np.ndarray:
     """The mask with its gaps bridged."""
     factor = working_factor(mask)
     small = shrunk(mask, factor)
-    return bridged(mask, small, factor, half_width_px(depth_in_mask(small)), ball)
+    half_px = half_width_px(depth_in_mask(small))
+    return bridged(mask, small, factor, half_px, ball, table=table)
 
 
 @pytest.mark.parametrize("width_px", [20, 60])
@@ -96,6 +100,20 @@ def test_the_rest_of_a_rope_at_its_ball_is_bridged_to() -> None:
     whole = made_whole(rope & ~cover, Ball(WAVE[0], 16.0))
     assert ndimage.label(whole)[1] == 1
     assert (whole & rope & cover).sum() > 0.4 * (rope & cover).sum()
+
+
+@pytest.mark.parametrize(("covered", "parts"), [(True, 1), (False, 2)])
+def test_a_turn_back_is_not_where_the_table_is_seen(*, covered: bool, parts: int) -> None:
+    straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
+    both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
+
+    def table(uv_px: FloatArray) -> BoolArray:
+        assert (uv_px[:, 1] > 190).all()
+        assert (uv_px[:, 1] < 290).all()
+        return np.full(len(uv_px), not covered)
+
+    whole = made_whole(both, Ball(straight[0], 16.0), table)
+    assert ndimage.label(whole)[1] == parts
 
 
 def test_ends_at_a_narrow_gap_that_is_cut_at_a_slant_face_each_other() -> None:
