@@ -77,8 +77,8 @@ def read_source(
     if annotations.suggested:
         folder = shlex.quote(str(annotations.path.parent))
         notes.append(
-            f"{annotations.suggested} marks were left out: a method suggested them, and nobody "
-            f"confirmed them. Confirm them with: pliant annotate {folder}"
+            f"Left out: {plural(annotations.suggested, 'mark')} that a method suggested and nobody "
+            f"confirmed. To confirm: pliant annotate {folder}"
         )
     return Source([clip], "rope", "pairs", facts, notes)
 

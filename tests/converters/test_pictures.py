@@ -209,7 +209,7 @@ def test_suggestions_are_no_truth(
         (0, 9.0, 9.0, 1, 8.0, 8.0, "visible"),
         (1, 8.0, 8.0, 0, 9.0, 9.0, "visible"),
     }
-    assert "1 marks were left out" in capsys.readouterr().out
+    assert "Left out: 1 mark that" in capsys.readouterr().out
     (photos / "annotations.csv").unlink()
     assert "`pliant annotate DIR`, which writes annotations.csv" in rejected(photos)
 
