@@ -20,6 +20,7 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.marks import ANNOTATIONS_CSV
 from pliant.spec.progress import Progress
+from pliant.spec.text import plural
 
 
 @dataclass(frozen=True)
