@@ -13,8 +13,8 @@ alone is free, so that dearer bridges are built too, and those of a loop in a ma
 bridge is a band as wide as the rope along the cubic Hermite curve with these directions. A ball is
 an end without a direction where it is away from its rope, or only a rest of the rope is at it. Two
 ends at the border of the picture are joined outside of it; how the rope turns there is unknown, so
-that their angles cost nothing. Where the table is seen, nothing hides a rope: a bridge costs up to
-five times as much, in proportion to what is seen of the table along it.
+that their angles cost nothing. Where the table is seen, nothing hides a rope: 0.22 of the length
+counts there instead of 0.02.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def bridged(
 
     def cost(one: _End, other: _End) -> float:
         bare = 0.0 if table is None else _bare(_curve(one, other), small, table, factor)
-        return _cost(one, other, half_px) * (1 + TRACING.bridge_bare * bare)
+        return _cost(one, other, half_px, bare)
 
     bridges = list(_bridges(ends, cost, 2 if ball is None else 1))
     if not bridges:
@@ -199,11 +199,11 @@ def _bridges(
             yield one, other
 
 
-def _cost(one: _End, other: _End, half_px: float) -> float:
-    """Return the cost of a bridge, rad²."""
+def _cost(one: _End, other: _End, half_px: float, bare: float = 0.0) -> float:
+    """Return the cost of a bridge, rad², along a share of which the table is seen."""
     gap = other.place - one.place
     length = max(float(np.linalg.norm(gap)), 1e-6)
-    cost = TRACING.bridge_length * length / half_px
+    cost = (TRACING.bridge_length + TRACING.bridge_bare * bare) * length / half_px
     if one.at_border and other.at_border:
         return cost
     if one.part != other.part and one.outward is not None and other.outward is not None:

@@ -110,9 +110,9 @@ class TracingSettings:
             one end alone is free (compared: of 150 ropes next to cables and 150 next to cloths,
             18 and 32 are read wrongly with 3, 17 and 29 with 8; with 10 one less of the first).
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
-        bridge_bare: What is added to 1 as the factor of a bridge's cost where the table is seen all
-            along it (compared with 0, image alone, after the other changes: 40, 80 and 80 ropes
-            next to other objects 75.9, 52.1 and 62.5 → 66.2, 37.9 and 61.7 px, 40 are equal).
+        bridge_bare: Further cost of a half width along which the table is seen (compared: image
+            alone, 40, 80 ropes next to other objects 75.9, 52.1 px with 0, 69.6, 37.9 with 0.2;
+            a factor of 5 of the whole cost has 66.2, 37.9, but misreads masks with faults in noise).
         bridge_back: How far inside of either strand the line starts whose angles count (compared:
             on the same ropes with 0, 1 and 2, the first reading is off by 0.023, 0.021 and
             0.021 of the length next to cables, and by 0.022 next to cloths).
@@ -200,7 +200,7 @@ class TracingSettings:
     bridge_most: float = 4.5
     bridge_most_at_ball: float = 10.0
     bridge_length: float = 0.02
-    bridge_bare: float = 4.0
+    bridge_bare: float = 0.2
     bridge_back: float = 2.0
     bridge_own: float = 0.8
     bridge_ball: float = 4.0

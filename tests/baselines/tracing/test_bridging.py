@@ -105,11 +105,11 @@ def test_the_rest_of_a_rope_at_its_ball_is_bridged_to() -> None:
 @pytest.mark.parametrize(("covered", "parts"), [(True, 1), (False, 2)])
 def test_a_turn_back_is_not_where_the_table_is_seen(*, covered: bool, parts: int) -> None:
     straight = np.stack([100 + 400 * S, np.full_like(S, 200)], axis=1)
-    both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 80]), HALF_PX)
+    both = drawn(straight, HALF_PX) | drawn(straight + np.array([0, 160]), HALF_PX)
 
     def table(uv_px: FloatArray) -> BoolArray:
         assert (uv_px[:, 1] > 190).all()
-        assert (uv_px[:, 1] < 290).all()
+        assert (uv_px[:, 1] < 370).all()
         return np.full(len(uv_px), not covered)
 
     whole = made_whole(both, Ball(straight[0], 16.0), table)
