@@ -112,7 +112,7 @@ class TracingSettings:
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_bare: Further cost of a half width along which the table is seen (compared: image
             alone, 40, 80 ropes next to other objects 75.9, 52.1 px with 0, 69.6, 37.9 with 0.2;
-            a factor of 5 of the whole cost has 66.2, 37.9, but misreads masks with faults in noise).
+            a factor of 5 of the whole cost has 66.2, 37.9, but misreads faulty masks in noise).
         bridge_back: How far inside of either strand the line starts whose angles count (compared:
             on the same ropes with 0, 1 and 2, the first reading is off by 0.023, 0.021 and
             0.021 of the length next to cables, and by 0.022 next to cloths).
