@@ -20,6 +20,7 @@ counts there instead of 0.02.
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -53,12 +54,14 @@ class _End:
         place: float64 (2,), (u, v).
         outward: float64 (2,), the unit vector out of the mask; None of a ball.
         at_border: Whether the rope leaves the picture there.
+        strand: Length of its strand, half widths of the rope: a ragged edge has short ones.
     """
 
     part: int
     place: FloatArray
     outward: FloatArray | None
     at_border: bool = False
+    strand: float = math.inf
 
     def turn(self, way: FloatArray) -> float | None:
         """Return the angle between its direction and a unit vector, rad; None of a ball."""
@@ -161,7 +164,8 @@ def _loose_ends(mask: Mask, half_px: float, part: int) -> Iterator[_End]:
         for end in (0, 1):
             if degree[strand.nodes[end]] == 1:  # a blunt end may have a node of its own
                 place = skeleton.in_mask(strand.line[-end]) - 1
-                yield _End(part, place, -strand.leaving(end, reach))
+                length = len(strand.line) / skeleton.half_px
+                yield _End(part, place, -strand.leaving(end, reach), strand=length)
 
 
 def _with_border(end: _End, place_px: FloatArray, size_px: FloatArray, half_px: float) -> _End:
@@ -192,7 +196,7 @@ def _bridges(
         if one not in left or other not in left:
             continue
         first, second = group[one.part], group[other.part]
-        spare = len(left) > free + 1
+        spare = len(left) > free + 1 and min(one.strand, other.strand) > TRACING.bridge_strand
         if cost < most if first != second else cost < most_own and spare:
             group = {part: first if own == second else own for part, own in group.items()}
             left -= {one, other}

@@ -108,7 +108,10 @@ class TracingSettings:
             4.9 is a turn back to a parallel strand).
         bridge_most_at_ball: The same, also between ends of one part, where a ball is known, so that
             one end alone is free (compared: of 150 ropes next to cables and 150 next to cloths,
-            18 and 32 are read wrongly with 3, 17 and 29 with 8; with 10 one less of the first).
+            18 and 32 are read wrongly with 3, 17 and 29 with 8; with 10, 31 of 120 noisy ones with
+            a segmenter's masks are off by a tenth of the length, with 8 25).
+        bridge_strand: Shortest strand whose end is bridged to another of its part: a ragged edge
+            has short ones (compared: with 0 and 4, 15 and 11 of 60 of the noisy ropes are off).
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_bare: Further cost of a half width along which the table is seen (compared: image
             alone, 40, 80 ropes next to other objects 75.9, 52.1 px with 0, 69.6, 37.9 with 0.2;
@@ -198,11 +201,12 @@ class TracingSettings:
     bridge_parts: int = 12
     bridge_reach: float = 4.0
     bridge_most: float = 4.5
-    bridge_most_at_ball: float = 10.0
+    bridge_most_at_ball: float = 8.0
     bridge_length: float = 0.02
     bridge_bare: float = 0.2
     bridge_back: float = 2.0
     bridge_own: float = 0.8
+    bridge_strand: float = 4.0
     bridge_ball: float = 4.0
     border_reach: float = 0.5
     border_px: float = 2.0

@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
-from pliant.baselines.tracing.bridging import TableSeen, _cost, _End, bridged
+from pliant.baselines.tracing.bridging import TableSeen, _bridges, _cost, _End, bridged
 from pliant.baselines.tracing.depth_in_mask import (
     depth_in_mask,
     half_width_px,
@@ -114,6 +114,18 @@ def test_a_turn_back_is_not_where_the_table_is_seen(*, covered: bool, parts: int
 
     whole = made_whole(both, Ball(straight[0], 16.0), table)
     assert ndimage.label(whole)[1] == parts
+
+
+@pytest.mark.parametrize(("strand", "count"), [(2.0, 0), (20.0, 1)])
+def test_spurs_of_a_ragged_edge_are_not_joined_within_their_part(strand: float, count: int) -> None:
+    up, right = np.array([0.0, -1.0]), np.array([1.0, 0.0])
+    ends = [
+        _End(1, np.array([100.0, 100.0]), up, strand=strand),
+        _End(1, np.array([140.0, 100.0]), up, strand=strand),
+        _End(1, np.array([500.0, 300.0]), right),
+    ]
+    joined = list(_bridges(ends, lambda one, other: _cost(one, other, HALF_PX), 1))
+    assert len(joined) == count
 
 
 def test_ends_at_a_narrow_gap_that_is_cut_at_a_slant_face_each_other() -> None:
