@@ -8,13 +8,13 @@ mask, and the vector g from the first to the second one, the cost is
 with h half of the rope's width. Between different parts g' is g + 2 h (d - e), which leads from
 inside of one strand to inside of the other, since the line across a narrow gap that is cut at a
 slant says nothing; within one part it is g. The cheapest bridges are built first, one at each end:
-between parts that are not connected yet, or between further ends of one part. With a ball, one end
-alone is free, so that dearer bridges are built too, and those of a loop in a mask of one part. A
-bridge is a band as wide as the rope along the cubic Hermite curve with these directions. A ball is
-an end without a direction where it is away from its rope, or only a rest of the rope is at it. Two
-ends at the border of the picture are joined outside of it; how the rope turns there is unknown, so
-that their angles cost nothing. Where the table is seen, nothing hides a rope: 0.22 of the length
-counts there instead of 0.02.
+between parts that are not connected yet, or between further ends of one part, but not those of
+short strands, which a ragged edge has. With a ball, one end alone is free, so that dearer bridges
+are built too, and those of a loop in a mask of one part. A bridge is a band as wide as the rope
+along the cubic Hermite curve with these directions. A ball is an end without a direction where it
+is away from its rope, or only a rest of the rope is at it. Two ends at the border of the picture
+are joined outside of it; how the rope turns there is unknown, so that their angles cost nothing.
+Where the table is seen, nothing hides a rope: 0.22 of the length counts there instead of 0.02.
 """
 
 from __future__ import annotations
