@@ -7,21 +7,24 @@ mask, and the vector g from the first to the second one, the cost is
 
 with h half of the rope's width. Between different parts g' is g + 2 h (d - e), which leads from
 inside of one strand to inside of the other, since the line across a narrow gap that is cut at a
-slant says nothing; within one part it is g. The cheapest bridges are built first, one at each end:
-between parts that are not connected yet, or between further ends of one part, but not those of
-short strands, which a ragged edge has. With a ball, one end alone is free, so that dearer bridges
-are built too, and those of a loop in a mask of one part. A bridge is a band as wide as the rope
-along the cubic Hermite curve with these directions. A ball is an end without a direction where it
-is away from its rope, or only a rest of the rope is at it. Two ends at the border of the picture
-are joined outside of it; how the rope turns there is unknown, so that their angles cost nothing.
-Where the table is seen, nothing hides a rope: 0.22 of the length counts there instead of 0.02.
+slant says nothing; within one part it is g. Those bridges are built, one at each end, whose costs
+are together farthest below a limit: between parts, or between further ends of one part, but not
+those of short strands, which a ragged edge has. They must not close a part to a ring while another
+one is left. With a ball, one end alone is free, so that dearer bridges are built too, and those of
+a loop in a mask of one part. A bridge is a band as wide as the rope along the cubic Hermite curve
+with these directions.
+
+An end may also point at a strand nearby, where the mask has a gap at a crossing. A ball is an end
+without a direction where it is away from its rope, or only a rest of the rope is at it; so are both
+ends of a stub, which is as wide as long. Two ends at the border of the picture are joined outside
+of it; how the rope turns there is unknown, so that their angles cost nothing. Where the table is
+seen, nothing hides a rope: 0.22 of the length counts there instead of 0.02.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
@@ -33,7 +36,7 @@ from scipy import ndimage
 from pliant.baselines.tracing.depth_in_mask import MARGIN
 from pliant.baselines.tracing.ends import Ball
 from pliant.baselines.tracing.settings import TRACING
-from pliant.baselines.tracing.strands import Skeleton
+from pliant.baselines.tracing.strands import Skeleton, Strand
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, Mask
 
 TableSeen = Callable[[FloatArray], BoolArray]
@@ -52,9 +55,10 @@ class _End:
     Attributes:
         part: The number of the connected part.
         place: float64 (2,), (u, v).
-        outward: float64 (2,), the unit vector out of the mask; None of a ball.
+        outward: float64 (2,), the unit vector out of the mask; None of a ball or a stub.
         at_border: Whether the rope leaves the picture there.
         strand: Length of its strand, half widths of the rope: a ragged edge has short ones.
+        joint: Whether it is a place on a strand that another end points at.
     """
 
     part: int
@@ -62,9 +66,10 @@ class _End:
     outward: FloatArray | None
     at_border: bool = False
     strand: float = math.inf
+    joint: bool = False
 
     def turn(self, way: FloatArray) -> float | None:
-        """Return the angle between its direction and a unit vector, rad; None of a ball."""
+        """Return the angle between its direction and a unit vector, rad, if it has one."""
         if self.outward is None:
             return None
         return float(np.arccos(np.clip(self.outward @ way, -1, 1)))
@@ -117,11 +122,14 @@ def bridged(
             for end in ends
         ]
 
-    def cost(one: _End, other: _End) -> float:
-        bare = 0.0 if table is None else _bare(_curve(one, other), small, table, factor)
-        return _cost(one, other, half_px, bare)
-
-    bridges = list(_bridges(ends, cost, 2 if ball is None else 1))
+    known = np.where(np.isin(labels, parts), labels, 0)
+    strands = [(end, _strand_ahead(end, known, half_px)) for end in ends]
+    costs: dict[tuple[_End, _End], float] = {}
+    for one, other in [*itertools.combinations(ends, 2), *strands]:
+        if other is not None:
+            bare = 0.0 if table is None else _bare(_curve(one, other), small, table, factor)
+            costs[one, other] = _cost(one, other, half_px, bare)
+    bridges = _bridges(ends, costs, 2 if ball is None else 1)
     if not bridges:
         return mask
     picture = Image.fromarray(mask).convert("L")
@@ -159,13 +167,23 @@ def _away_from_ball(
 def _loose_ends(mask: Mask, half_px: float, part: int) -> Iterator[_End]:
     skeleton = Skeleton.of(np.pad(mask, 1), half_px, TRACING.strands_most)
     reach = max(2, round(TRACING.bridge_reach * skeleton.half_px))
-    degree = Counter(node for strand in skeleton.strands for node in strand.nodes)
+    leaving: dict[int, list[tuple[Strand, int]]] = {}
     for strand in skeleton.strands:
         for end in (0, 1):
-            if degree[strand.nodes[end]] == 1:  # a blunt end may have a node of its own
-                place = skeleton.in_mask(strand.line[-end]) - 1
-                length = len(strand.line) / skeleton.half_px
-                yield _End(part, place, -strand.leaving(end, reach), strand=length)
+            leaving.setdefault(strand.nodes[end], []).append((strand, end))
+    for (strand, end), *others in leaving.values():
+        if others:
+            continue
+        line = strand.line[:: 1 - 2 * end]
+        onward = [each for each in leaving[strand.nodes[1 - end]] if each[0] is not strand]
+        if len(onward) == 1:  # the node is that of a spur
+            further, entered = onward[0]
+            line = np.concatenate([line, further.line[:: 1 - 2 * entered]])
+        length = len(line) / skeleton.half_px
+        outward = None
+        if length >= TRACING.bridge_stub:
+            outward = -replace(strand, line=line).leaving(0, reach)
+        yield _End(part, skeleton.in_mask(line[0]) - 1, outward, strand=length)
 
 
 def _with_border(end: _End, place_px: FloatArray, size_px: FloatArray, half_px: float) -> _End:
@@ -175,32 +193,89 @@ def _with_border(end: _End, place_px: FloatArray, size_px: FloatArray, half_px: 
     return replace(end, at_border=away_px < reach_px)
 
 
+def _strand_ahead(end: _End, labels: IntArray, half_px: float) -> _End | None:
+    """Return the middle of the strand that an end points at nearby, as an end, or None.
+
+    Args:
+        end: The end.
+        labels: int (h, w), the number of each pixel's part, 0 outside of the mask.
+        half_px: Half of the rope's width.
+    """
+    if end.outward is None or end.at_border:
+        return None
+    left = False
+    for step in range(math.ceil((TRACING.bridge_ahead + 2) * half_px)):
+        column, row = np.floor(end.place + step * end.outward).astype(np.int64)
+        if not (0 <= row < labels.shape[0] and 0 <= column < labels.shape[1]):
+            return None
+        part = int(labels[row, column])
+        if left and part:
+            middle = end.place + (step + half_px) * end.outward
+            return _End(part, middle, None, joint=True)
+        left |= part == 0
+    return None
+
+
 def _bridges(
-    ends: list[_End], cost_of: Callable[[_End, _End], float], free: int
-) -> Iterator[tuple[_End, _End]]:
-    """Yield the pairs of ends that are bridged.
+    ends: list[_End], costs: dict[tuple[_End, _End], float], free: int
+) -> list[tuple[_End, _End]]:
+    """Return the pairs of ends that are bridged: those whose costs are most below the limit.
 
     Args:
         ends: The loose ends.
-        cost_of: What a bridge between two of them costs, rad².
+        costs: What each possible bridge costs, rad².
         free: Ends that stay loose.
     """
-    pairs = itertools.combinations(ends, 2)
-    ranked = sorted((cost_of(*pair), number, pair) for number, pair in enumerate(pairs))
-    group = {end.part: end.part for end in ends}
-    left = set(ends)
-    most, most_own = TRACING.bridge_most, TRACING.bridge_own
-    if free == 1:
-        most = most_own = TRACING.bridge_most_at_ball
-    for cost, _, (one, other) in ranked:
-        if one not in left or other not in left:
-            continue
+    most = TRACING.bridge_most_at_ball if free == 1 else TRACING.bridge_most
+    gains = {
+        (one, other): most / (2 if other.joint else 1) - cost
+        for (one, other), cost in costs.items()
+    }
+    ranked = sorted((pair for pair in gains if gains[pair] > 0), key=lambda pair: -gains[pair])
+    ranked = ranked[: TRACING.bridge_pairs]
+    best: list[tuple[_End, _End]] = []
+    largest = 0.0
+
+    def look(first: int, gain: float, chosen: list[tuple[_End, _End]]) -> None:
+        nonlocal best, largest
+        if gain > largest and _is_one_rope(chosen, ends, costs, free):
+            best, largest = chosen, gain
+        taken = {end for pair in chosen for end in pair}
+        for number, pair in enumerate(ranked[first:], first):
+            more = gains[pair]
+            if gain + (len(ends) - len(taken)) * more <= largest:
+                return
+            if taken.isdisjoint(pair):
+                look(number + 1, gain + more, [*chosen, pair])
+
+    look(0, 0.0, [])
+    return best
+
+
+def _is_one_rope(
+    bridges: list[tuple[_End, _End]],
+    ends: list[_End],
+    costs: dict[tuple[_End, _End], float],
+    free: int,
+) -> bool:
+    """Return whether bridges, the cheapest first, leave what can be one rope.
+
+    Parts that they close to a ring, or to a strand of their own, cannot where there are others.
+    """
+    most = TRACING.bridge_most_at_ball if free == 1 else TRACING.bridge_own
+    loose = set(ends).difference(*bridges)
+    group = {end.part: end.part for end in itertools.chain(ends, *bridges)}
+    on_itself = False
+    for one, other in bridges:
         first, second = group[one.part], group[other.part]
-        spare = len(left) > free + 1 and min(one.strand, other.strand) > TRACING.bridge_strand
-        if cost < most if first != second else cost < most_own and spare:
-            group = {part: first if own == second else own for part, own in group.items()}
-            left -= {one, other}
-            yield one, other
+        if first == second:
+            short = min(one.strand, other.strand) <= TRACING.bridge_strand
+            if short or len(loose) < free or costs[one, other] >= most:
+                return False
+            on_itself |= other.joint
+        group = {part: first if own == second else own for part, own in group.items()}
+    groups = set(group.values())
+    return len(groups) == 1 or (groups == {group[end.part] for end in loose} and not on_itself)
 
 
 def _cost(one: _End, other: _End, half_px: float, bare: float = 0.0) -> float:
@@ -214,8 +289,10 @@ def _cost(one: _End, other: _End, half_px: float, bare: float = 0.0) -> float:
         gap = gap + TRACING.bridge_back * half_px * (one.outward - other.outward)
     way = gap / max(float(np.linalg.norm(gap)), 1e-6)
     turns = [one.turn(way), other.turn(-way)]
-    known = [turn for turn in turns if turn is not None]
-    return 2 * float(np.mean(np.square(known))) + cost
+    known = [turn**2 for turn in turns if turn is not None]
+    if other.joint:
+        cost += TRACING.bridge_joint
+    return cost + 2 * sum(known) / max(len(known), 1)
 
 
 def _bare(curve: FloatArray, mask: Mask, table: TableSeen, factor: int) -> float:

@@ -99,8 +99,11 @@ class TracingSettings:
         strands_half_px: The skeleton is taken of a mask with at least this half width (compared: 3
             and 5 find the right path less often).
         strands_side_px: But of no larger mask than this (cost).
-        bridge_least: Smaller parts of a mask are not bridged to, square half widths (unrecorded).
+        bridge_least: Smaller parts of a mask are not bridged to, square half widths (compared: with
+            5 short ends behind covers are left out; with 2, 34 instead of 27 of 120 noisy ropes
+            with a segmenter's masks are read wrongly).
         bridge_parts: Masks with more parts are not bridged (cost).
+        bridge_pairs: Pairs of ends among which bridges are chosen, those of least cost (cost).
         bridge_reach: Length over which the direction of a loose end is measured (compared:
             leaving out the last one or two half widths does not reduce the error).
         bridge_most: Largest cost of a bridge, rad² (compared with exact masks: with 1.2, 4.5 and 8,
@@ -112,6 +115,7 @@ class TracingSettings:
             a segmenter's masks are off by a tenth of the length, with 8 25).
         bridge_strand: Shortest strand whose end is bridged to another of its part: a ragged edge
             has short ones (compared: with 0 and 4, 15 and 11 of 60 of the noisy ropes are off).
+        bridge_stub: The ends of a shorter strand have no direction (geometry: as wide as long).
         bridge_length: Cost of a half width of it, rad² (compared: 0.01 to 0.04 are equal).
         bridge_bare: Further cost of a half width along which the table is seen (compared: image
             alone, 40, 80 ropes next to other objects 75.9, 52.1 px with 0, 69.6, 37.9 with 0.2;
@@ -121,6 +125,9 @@ class TracingSettings:
             0.021 of the length next to cables, and by 0.022 next to cloths).
         bridge_own: Largest cost of one between ends of the same part without a ball (unrecorded).
         bridge_ball: A ball that is farther from the rope is bridged to (unrecorded).
+        bridge_ahead: How far ahead of an end a strand is that it may be joined to (compared: with 4
+            and 12, 10 and 9 of 150 ropes next to cloths are read wrongly; others are equal).
+        bridge_joint: Cost of that, rad², against half of the largest cost (unrecorded).
         border_reach: Half widths between a cut end and the border of the picture at most
             (unrecorded; none of 192 ropes of the reference benchmark is called cut).
         border_px: Pixels by which a mask may end before the border (unrecorded).
@@ -197,8 +204,9 @@ class TracingSettings:
     strands_missed: float = 1.0
     strands_half_px: float = 4.0
     strands_side_px: int = 2560
-    bridge_least: float = 5.0
+    bridge_least: float = 3.0
     bridge_parts: int = 12
+    bridge_pairs: int = 16
     bridge_reach: float = 4.0
     bridge_most: float = 4.5
     bridge_most_at_ball: float = 8.0
@@ -207,7 +215,10 @@ class TracingSettings:
     bridge_back: float = 2.0
     bridge_own: float = 0.8
     bridge_strand: float = 4.0
+    bridge_stub: float = 1.0
     bridge_ball: float = 4.0
+    bridge_ahead: float = 12.0
+    bridge_joint: float = 2.0
     border_reach: float = 0.5
     border_px: float = 2.0
     border_margin: float = 0.15

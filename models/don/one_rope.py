@@ -27,12 +27,14 @@ _SIDE: Final = 640  # pixels of the longer side of a picture as it is read here
 _ALIKE: Final = 0.45  # distance of two strands of one rope
 _LIGHT, _DETAIL, _WIDTH = 0.25, 0.2, 0.7  # weights of logarithms in it; the tint's is 1
 _LEAST_DETAIL: Final = 0.02
+_UNLIKE, _LONG = 0.7, 6.0  # distance and length, half widths, of a strand surely not the rope's
 _ONE_ROPE: Final = 0.9  # of a mask that could be that of one rope; less belongs to another
 _INNER: Final = 0.4  # half widths from the edge
 _CROWDED: Final = 3.0  # times the rope's width, where several of its strands meet
 _NARROW: Final = 0.5  # half widths; gaps of twice that are closed
 _STRANDS: Final = 80
-_LEAST_LENGTH: Final = 4.0  # of a strand whose colour counts, in half widths
+_LEAST_LENGTH: Final = 4.0  # of a strand whose look counts first, in half widths
+_LEAST_STUB: Final = 3.0  # square half widths of a short one that is alone
 _AT_BALL: Final = 3.0  # half widths between a ball and its rope
 _BALL_WEIGHT: Final = 3.0  # of strands at a ball: a small one may be a speck of something else
 
@@ -55,9 +57,11 @@ def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | N
     small_ball = None if ball is None else resized(ball, shape)
     if several and small_ball is not None and not is_round(small_ball):
         small_ball = ball = None
-    kept = _kept(picture, small, small_ball)
+    kept, foreign = _kept(picture, small, small_ball)
     if not several and kept.sum() > _ONE_ROPE * small.sum():
-        return rope, ball
+        if not foreign.any():
+            return rope, ball
+        kept = ~foreign
     return rope & resized(kept, rope.shape), ball
 
 
@@ -67,25 +71,31 @@ def resized(mask: Mask, shape: tuple[int, ...]) -> Mask:
     return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
 
 
-def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
-    """Return the pixels of the rope's own strands, and of its crossings."""
+def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask]:
+    """Return the pixels of the rope's own strands and crossings, and of what is surely not its."""
     body = _without_narrow_gaps(rope)
     if ball is not None:
         body &= ~ball
+    none = np.zeros_like(rope)
     if not body.any():
-        return rope
+        return rope, none
     depth: FloatArray = ndimage.distance_transform_edt(body)
     half_px = half_width_px(depth[body])
     skeleton = Skeleton.of(body, half_px, _STRANDS)
-    if skeleton is None or len(skeleton.strands) < 2:
-        return rope
+    if len(skeleton.strands) < 2:
+        return rope, none
     places = [skeleton.in_mask(strand.line).astype(np.int64).T[::-1] for strand in skeleton.strands]
     half = np.array([np.median(depth[tuple(at)]) for at in places])
     length = np.array([len(strand.line) / skeleton.scale for strand in skeleton.strands])
+    degree = np.bincount([node for strand in skeleton.strands for node in strand.nodes])
+    alone = np.array([max(degree[list(each.nodes)]) == 1 for each in skeleton.strands])
+    for k in np.flatnonzero(alone & (length < 2 * _LEAST_LENGTH * half)):
+        half[k] = depth[tuple(places[k])].max()  # much of it is near its ends, which are less deep
     telling = length >= _LEAST_LENGTH * half
-    if telling.sum() < 2:
-        return rope
+    if not telling.any() or (telling | alone).sum() < 2:
+        return rope, none
     label = _nearest(places, body.shape)
+    stub = alone & (np.bincount(label[body], minlength=len(half)) > _LEAST_STUB * half_px**2)
     inner = body & (depth > _INNER * half[label])
     look = _looks(picture, label, inner, half)
     apart = np.linalg.norm(look[:, None] - look, axis=2)
@@ -99,8 +109,12 @@ def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> Mask:
     best = int(weight.argmax())
     crowded = (width[:, best] > 0) & (width[:, best] < np.log(_CROWDED))
     fitting = alike[best] | (crowded & (apart[best] < _ALIKE))
-    own = _with_neighbours(skeleton, alike[best] & telling, fitting)
-    return rope & own[label]
+    own = _with_neighbours(skeleton, alike[best] & (telling | stub), fitting)
+    if telling.sum() < 2:  # nothing else is known of the strands that are connected
+        own |= ~alone
+    unlike = np.hypot(apart[best], _WIDTH * width[best]) > _UNLIKE
+    foreign = ~own & (alone | unlike & (length > _LONG * half))
+    return rope & own[label], rope & foreign[label]
 
 
 def _nearest(places: list[IntArray], shape: tuple[int, ...]) -> IntArray:

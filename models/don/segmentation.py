@@ -36,6 +36,8 @@ _COLOURLESS: Final = 0.1  # of log r: the chroma of a grey picture
 _NO_LIGHT, _LIGHT = 0.1, 0.5  # of the mean of log r, likewise
 _ROUNDS: Final = 2
 _LEAST_PART: Final = 0.05  # of the largest part
+_LEAST_KNOWN_PART: Final = 0.02  # such as the end of a rope that is seen on a cover's other side
+_KNOWN: Final = 0.5  # mean probability
 _LEAST_PIXELS: Final = 40
 
 
@@ -111,7 +113,7 @@ def shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
-    objects = _large_parts(_cut(_smaller(rgb, p.shape), p, near))
+    objects = _without_specks(_cut(_smaller(rgb, p.shape), p, near), p)
     return objects if objects.sum() >= _LEAST_PIXELS else None
 
 
@@ -152,14 +154,16 @@ def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
 
 
-def _large_parts(mask: Mask) -> Mask:
-    """Return a mask without its specks."""
+def _without_specks(mask: Mask, p: FloatArray) -> Mask:
+    """Return a mask without its small parts, but with those that the network knows."""
     parts, count = ndimage.label(mask, np.ones((3, 3)))
     if count == 0:
         return mask
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    return np.asarray((sizes > _LEAST_PART * sizes.max())[parts])
+    known = ndimage.mean(p, parts, np.arange(count + 1)) > _KNOWN
+    least = np.where(known, _LEAST_KNOWN_PART, _LEAST_PART)
+    return np.asarray((sizes > least * sizes.max())[parts])
 
 
 _LIMIT: Final = 3.0  # grey levels; cameras in good light have 1 to 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,10 @@ from tests.baselines.tracing.drawn_strands import U, V, drawn
 HALF_PX = 6.0
 S = np.linspace(0, 1, 2000)
 WAVE = np.stack([60 + 520 * S, 240 + 90 * np.sin(2 * np.pi * S)], axis=1)
+
+
+def costs_of(ends: list[_End]) -> dict[tuple[_End, _End], float]:
+    return {pair: _cost(*pair, HALF_PX) for pair in itertools.combinations(ends, 2)}
 
 
 def made_whole(
@@ -124,8 +129,56 @@ def test_spurs_of_a_ragged_edge_are_not_joined_within_their_part(strand: float, 
         _End(1, np.array([140.0, 100.0]), up, strand=strand),
         _End(1, np.array([500.0, 300.0]), right),
     ]
-    joined = list(_bridges(ends, lambda one, other: _cost(one, other, HALF_PX), 1))
-    assert len(joined) == count
+    assert len(_bridges(ends, costs_of(ends), 1)) == count
+
+
+def test_a_part_is_not_closed_to_a_ring_beside_another_part() -> None:
+    """Though its own two ends are the cheapest pair, the other part belongs to the rope too."""
+    up = np.array([0.0, -1.0])
+    ends = [
+        _End(1, np.array([100.0, 100.0]), up),
+        _End(1, np.array([140.0, 100.0]), up),
+        _End(2, np.array([220.0, 100.0]), up),
+    ]
+    costs = costs_of(ends)
+    assert min(costs, key=costs.__getitem__) == (ends[0], ends[1])
+    assert _bridges(ends, costs, 1) == [(ends[1], ends[2])]
+    assert _bridges([*ends[:2], replace(ends[2], part=1)], costs_of(ends), 1)
+
+
+def test_an_end_is_joined_to_the_strand_that_it_points_at() -> None:
+    """A gap beside a crossing: on its other side there is no end."""
+    away = np.hypot(U - 320, V - 272)
+    cut = drawn(LOOP, HALF_PX) & ~((away > 10) & (away < 26) & (U > 320) & (V < 262))
+    for mask, is_closed in [(cut, False), (made_whole(cut, Ball(LOOP[0], 16.0)), True)]:
+        table, _ = ndimage.label(~mask)
+        assert (table[160, 320] != table[0, 0]) == is_closed
+
+
+def test_ends_that_face_each_other_are_joined_rather_than_to_strands() -> None:
+    """Each of two ends at a narrow gap points at the strand of the other one as well."""
+    rope = drawn(WAVE, HALF_PX) & (np.abs(U - 320) > 6)
+    ball = Ball(WAVE[0], 16.0)
+    assert ndimage.label(made_whole(rope, ball))[1] == 1
+    right = np.array([1.0, 0.0])
+    ends = [
+        _End(1, np.array([300.0, 100.0]), right),
+        _End(2, np.array([320.0, 100.0]), -right),
+        _End(2, np.array([500.0, 300.0]), right),
+    ]
+    beside = _End(2, np.array([326.0, 100.0]), None, joint=True)
+    costs = costs_of(ends) | {(ends[0], beside): _cost(ends[0], beside, HALF_PX)}
+    costs |= {(ends[1], replace(beside, part=1)): costs[ends[0], beside]}
+    assert _bridges(ends, costs, 1) == [(ends[0], ends[1])]
+
+
+def test_a_stub_has_no_direction() -> None:
+    """What is seen of the end behind a cover is as wide as long."""
+    rope = drawn(WAVE, HALF_PX)
+    cover = (U > 430) & ~((U > 566) & (U < 578))
+    assert ndimage.label(rope & ~cover)[1] == 2
+    whole = made_whole(rope & ~cover, Ball(WAVE[0], 16.0))
+    assert ndimage.label(whole)[1] == 1
 
 
 def test_ends_at_a_narrow_gap_that_is_cut_at_a_slant_face_each_other() -> None:

@@ -106,3 +106,28 @@ def test_a_cable_on_the_end_of_a_rope_goes_though_both_could_be_one_rope() -> No
     assert not MaskShape.of(rope | cable).several_ropes
     found, _ = of_one_rope(rgb, rope | cable, None)
     assert overlap(found, rope) > 0.9
+
+
+def test_a_thin_cable_on_a_rope_goes_though_it_is_small() -> None:
+    """With a ball, two loose ends could be those of one rope."""
+    rope, cable = drawn(WAVE, 10.0), drawn(WAVE[1900] - S[:, None] * [40, 150], 3.0)
+    ball = np.hypot(U - WAVE[0, 0], V - WAVE[0, 1]) < 25
+    rope &= ~ball
+    cable &= ~rope
+    assert not MaskShape.of(rope | cable, rope | cable | ball).several_ropes
+    assert cable.sum() < 0.1 * rope.sum()
+    rgb = painted((rope, ROPE), (cable, CABLE), (ball, (220, 30, 30)))
+    found, _ = of_one_rope(rgb, rope | cable, ball)
+    assert (found & cable).sum() < 0.2 * cable.sum()
+    assert (found & rope).sum() > 0.97 * rope.sum()
+
+
+def test_small_parts_stay_where_they_look_like_the_rope() -> None:
+    """The end of a covered rope, and a speck of something else."""
+    rope = drawn(WAVE, 7.0)
+    cover = (np.abs(U - 520) < 54) | (np.abs(U - 260) < 30)
+    stub, speck = rope & (U > 574), drawn(CROSSING[:160], 7.0)
+    rgb = painted((speck, CABLE), (rope, ROPE), (cover, TABLE))
+    found, _ = of_one_rope(rgb, rope & ~cover | speck, None)
+    assert found[stub].all()
+    assert not found[speck].any()

@@ -12,7 +12,8 @@ from scipy import ndimage
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.ball import ball_in
 from pliant.models.don.described import ViewDescriber
-from pliant.models.don.segmentation import cloth_mask, is_decided, rope_masks
+from pliant.models.don.one_rope import resized
+from pliant.models.don.segmentation import cloth_mask, is_decided, rope_masks, shown
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.ball_network import BALL as BALL_FILE
 from pliant.models.networks.ball_network import BallNetwork
@@ -93,6 +94,20 @@ def test_a_rope_like_the_table_is_kept_where_the_network_is_sure() -> None:
     seen = rope.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3)).astype(np.float32)
     own, _ = known(rope_masks(rgb, seen, seen, None))
     assert (own & part).sum() > 0.6 * part.sum()
+
+
+def test_a_small_part_is_kept_where_the_network_knows_it() -> None:
+    rgb, rope, ball, _ = scene()
+    cover = rope & (np.abs(np.arange(WIDTH) - 480) < 32)
+    small = rope & (np.arange(WIDTH) >= 512)
+    rgb[cover] = rgb[10, 10]
+    kept = []
+    for known_as in (rope & ~cover, rope & ~cover & ~small):
+        p = vague(known_as | ball)[0] + 0.2 * vague(small)[0]
+        mask = known(shown(rgb, p))
+        kept.append(mask[resized(small, mask.shape)].mean())
+    assert kept[0] > 0.8
+    assert kept[1] == 0
 
 
 def test_a_dark_rope_in_a_grey_picture_is_no_shadow() -> None:
