@@ -227,7 +227,7 @@ def _bridges(
         free: Ends that stay loose.
     """
     most = TRACING.bridge_most_at_ball if free == 1 else TRACING.bridge_most
-    gains = {
+    gains = {  # a joint takes one end, where others take two
         (one, other): most / (2 if other.joint else 1) - cost
         for (one, other), cost in costs.items()
     }

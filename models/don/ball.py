@@ -10,6 +10,7 @@ where the network sees it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -31,7 +32,7 @@ _NEAR: Final = 1.0  # from such a ball to where the network sees its middle
 _AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
 _RADII: Final = (1.0, 10.0)  # of circles
 
-_SURE: Final = 1.5  # log odds of a ball; the largest of some 25 candidates is above 0 by chance
+_FEW: Final = 15  # candidates; the largest log odds of more of them are above 0 by chance
 
 # Of OpenCV's Hough transform, in pixels of a picture 320 pixels wide.
 _LEAST_RADIUS_PX: Final = 3
@@ -150,7 +151,7 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     with torch.inference_mode():
         odds, balls = network(candidates.patches(picture))
     best = int(odds.argmax())
-    if odds[best] <= _SURE:
+    if odds[best] <= math.log(len(odds) / _FEW):
         return np.zeros_like(objects)
     return candidates.ball(best, *balls[best].tolist())
 

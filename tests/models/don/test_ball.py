@@ -28,7 +28,7 @@ class GreenBall(BallNetwork):
 
     def forward(self, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         green = (seen[:, 1] - torch.maximum(seen[:, 0], seen[:, 2])).clip(min=0)
-        odds = 100 * green[:, 13:19, 15:23].mean(dim=(1, 2)) - 1
+        odds = 100 * green[:, 13:19, 15:23].mean(dim=(1, 2)) - 3
         at = (torch.arange(PATCH) + 0.5) / PATCH * 16 - 8
         amount = green.sum(dim=(1, 2)) + 1e-9
         ahead, aside = ((green.sum(dim=d) * at).sum(dim=1) / amount for d in (1, 2))
@@ -54,6 +54,20 @@ def green(where: Mask) -> Float32Array:
     picture = np.full((HEIGHT, WIDTH, 3), 0.5, dtype=np.float32)
     picture[where] = [0.1, 0.8, 0.1]
     return picture
+
+
+class Doubtful(BallNetwork):
+    """Takes each candidate for a ball with the same log odds."""
+
+    def forward(self, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return torch.full((len(seen),), 0.3), torch.full((len(seen), 3), 2.0)
+
+
+def test_of_more_candidates_one_has_to_be_likelier() -> None:
+    rope, specks = drawn(), np.zeros((HEIGHT, WIDTH), np.bool_)
+    specks[20:100:10, 20:300:40] = True
+    assert ball_in(green(~rope), rope, Doubtful()).any()
+    assert not ball_in(green(~rope), rope | specks, Doubtful()).any()
 
 
 @pytest.mark.parametrize("end", ENDS)
