@@ -10,7 +10,6 @@ where the network sees it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -32,7 +31,7 @@ _NEAR: Final = 1.0  # from such a ball to where the network sees its middle
 _AT_END: Final = 4.0  # radius in which the rope's direction at a candidate is measured
 _RADII: Final = (1.0, 10.0)  # of circles
 
-_FEW: Final = 15  # candidates; the largest log odds of more of them are above 0 by chance
+_SURE: Final = 1.0  # logarithm of the sum of the candidates' odds; of many it is above 0 by chance
 
 # Of OpenCV's Hough transform, in pixels of a picture 320 pixels wide.
 _LEAST_RADIUS_PX: Final = 3
@@ -151,7 +150,7 @@ def ball_in(picture: Float32Array, objects: Mask, network: BallNetwork) -> Mask:
     with torch.inference_mode():
         odds, balls = network(candidates.patches(picture))
     best = int(odds.argmax())
-    if odds[best] <= math.log(len(odds) / _FEW):
+    if float(odds.logsumexp(dim=0)) <= _SURE:
         return np.zeros_like(objects)
     return candidates.ball(best, *balls[best].tolist())
 

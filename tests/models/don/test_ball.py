@@ -57,17 +57,27 @@ def green(where: Mask) -> Float32Array:
 
 
 class Doubtful(BallNetwork):
-    """Takes each candidate for a ball with the same log odds."""
+    """Says of each candidate that it may be a ball, so that the odds have a given sum.
+
+    Args:
+        log_odds: The logarithm of the sum.
+    """
+
+    def __init__(self, log_odds: float) -> None:
+        super().__init__()
+        self._log_odds = log_odds
 
     def forward(self, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        return torch.full((len(seen),), 0.3), torch.full((len(seen), 3), 2.0)
+        count = len(seen)
+        return torch.full((count,), self._log_odds - np.log(count)), torch.full((count, 3), 2.0)
 
 
-def test_of_more_candidates_one_has_to_be_likelier() -> None:
-    rope, specks = drawn(), np.zeros((HEIGHT, WIDTH), np.bool_)
+@pytest.mark.parametrize(("log_odds", "there"), [(0.9, False), (1.1, True)])
+def test_candidates_that_may_be_a_ball_count_together(log_odds: float, *, there: bool) -> None:
+    specks = np.zeros((HEIGHT, WIDTH), np.bool_)
     specks[20:100:10, 20:300:40] = True
-    assert ball_in(green(~rope), rope, Doubtful()).any()
-    assert not ball_in(green(~rope), rope | specks, Doubtful()).any()
+    for mask in (drawn(), drawn() | specks):
+        assert ball_in(green(~mask), mask, Doubtful(log_odds)).any() == there
 
 
 @pytest.mark.parametrize("end", ENDS)
