@@ -107,7 +107,8 @@ def bridged(
     labels, _ = ndimage.label(small, np.ones((3, 3)))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
-    parts = [int(k) for k in np.flatnonzero(sizes >= TRACING.bridge_least * half_px**2)]
+    large = sizes >= TRACING.bridge_least * half_px**2
+    parts = [int(k) for k in np.flatnonzero(large)]
     is_one = len(parts) < 2 and ball is None and not margin
     if is_one or len(parts) > TRACING.bridge_parts:
         return mask
@@ -122,14 +123,18 @@ def bridged(
             for end in ends
         ]
 
-    known = np.where(np.isin(labels, parts), labels, 0)
+    free = 2 if ball is None else 1
+    known = large[labels] * labels
     strands = [(end, _strand_ahead(end, known, half_px)) for end in ends]
     costs: dict[tuple[_End, _End], float] = {}
     for one, other in [*itertools.combinations(ends, 2), *strands]:
-        if other is not None:
+        if other is None:
+            continue
+        left = len(ends) - (1 if other.joint else 2)
+        if one.part != other.part or left >= free:
             bare = 0.0 if table is None else _bare(_curve(one, other), small, table, factor)
             costs[one, other] = _cost(one, other, half_px, bare)
-    bridges = _bridges(ends, costs, 2 if ball is None else 1)
+    bridges = _bridges(ends, costs, free)
     if not bridges:
         return mask
     picture = Image.fromarray(mask).convert("L")
@@ -258,7 +263,7 @@ def _is_one_rope(
     costs: dict[tuple[_End, _End], float],
     free: int,
 ) -> bool:
-    """Return whether bridges, the cheapest first, leave what can be one rope.
+    """Return whether bridges, those that gain most first, leave what can be one rope.
 
     Parts that they close to a ring, or to a strand of their own, cannot where there are others.
     """

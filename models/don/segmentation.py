@@ -83,7 +83,7 @@ def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
         rgb: uint8 (H, W, 3), sRGB.
         cloth: float32 (h, w), the network's probability that a pixel shows the cloth.
     """
-    seen = shown(rgb, cloth)
+    seen = shown(rgb, cloth, _LEAST_PART)
     if seen is None:
         return None
     return resized(np.asarray(ndimage.binary_fill_holes(seen)), rgb.shape[:2])
@@ -99,12 +99,13 @@ def is_decided(likely: Float32Array) -> bool:
     return bool(possible.size) and float(np.abs(2 * possible - 1).mean()) > _DECIDED
 
 
-def shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
+def shown(rgb: Rgb, likely: Float32Array, least_known: float = _LEAST_KNOWN_PART) -> Mask | None:
     """Return where objects are seen, or None where there are none.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
         likely: float32 (h, w), the probability that a pixel shows one.
+        least_known: Least area of parts whose mean probability is above 0.5, of the largest part.
 
     Returns:
         bool, with 320 pixels along its longer side.
@@ -113,7 +114,7 @@ def shown(rgb: Rgb, likely: Float32Array) -> Mask | None:
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
-    objects = _without_specks(_cut(_smaller(rgb, p.shape), p, near), p)
+    objects = _without_specks(_cut(_smaller(rgb, p.shape), p, near), p, least_known)
     return objects if objects.sum() >= _LEAST_PIXELS else None
 
 
@@ -154,15 +155,15 @@ def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
 
 
-def _without_specks(mask: Mask, p: FloatArray) -> Mask:
-    """Return a mask without its small parts, but with those that the network knows."""
+def _without_specks(mask: Mask, p: FloatArray, least_known: float) -> Mask:
+    """Return a mask without its small parts; those that the network knows may be smaller."""
     parts, count = ndimage.label(mask, np.ones((3, 3)))
     if count == 0:
         return mask
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     known = ndimage.mean(p, parts, np.arange(count + 1)) > _KNOWN
-    least = np.where(known, _LEAST_KNOWN_PART, _LEAST_PART)
+    least = np.where(known, least_known, _LEAST_PART)
     return np.asarray((sizes > least * sizes.max())[parts])
 
 

@@ -147,7 +147,7 @@ def test_a_part_is_not_closed_to_a_ring_beside_another_part() -> None:
 
 
 def test_an_end_is_joined_to_the_strand_that_it_points_at() -> None:
-    """A gap beside a crossing: on its other side there is no end."""
+    """The mask has a gap next to a crossing. Across the gap is the other strand, not an end."""
     away = np.hypot(U - 320, V - 272)
     cut = drawn(LOOP, HALF_PX) & ~((away > 10) & (away < 26) & (U > 320) & (V < 262))
     for mask, is_closed in [(cut, False), (made_whole(cut, Ball(LOOP[0], 16.0)), True)]:
