@@ -40,9 +40,7 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     if method is not None:
         suggester = Suggester(annotation, open_photo_method(method))
     application = partial(annotate_application, annotation, suggester)
-    subject = plural(len(annotation.pictures), "picture")
-    if annotation.heic:
-        subject += f"; {plural(annotation.heic, 'HEIC file')} left out: save them as JPEG"
+    subject = "; ".join([plural(len(annotation.pictures), "picture"), *annotation.left_out])
     show_page(LocalServer(application, port), subject, no_browser=no_browser)
     open_marks = annotation.count("suggested")
     left = f", {open_marks} of them suggested: import leaves these out" if open_marks else ""

@@ -94,7 +94,6 @@ def create(
     require_service()
     from pliant.service.creation import create_challenge
 
-    splits = splits or ("test",)
     token = create_challenge(challenge, data, private, splits, config, database)
     text = f"{challenge}: created.\nHost's token, shown this once: {token}\n"
     named = _database_named(database)

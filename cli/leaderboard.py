@@ -50,6 +50,12 @@ def command(
     """
     document: dict[str, object]
     shown: list[Scores] = []
+    of_challenge = len(reports) == 1 and (reports[0] / "challenge.yaml").is_file()
+    if of_challenge and (title is not None or hide_truth or out.suffix == ".html"):
+        raise CallError(
+            "of a challenge there is a site with its own title, which hides the truth",
+            fix="Name a folder, and leave --title and --hide-truth out: --out SITE",
+        )
     if out.suffix == ".html":
         if title is not None or hide_truth:
             raise CallError(
@@ -57,7 +63,7 @@ def command(
             )
         shown = _write_page(reports, out)
         text, document = f"{plural(len(shown), 'report')}: {out}", {"page": str(out)}
-    elif len(reports) == 1 and (reports[0] / "challenge.yaml").is_file():
+    elif of_challenge:
         from pliant.cli.challenge import open_challenge
         from pliant.service.site import write_challenge_site
 

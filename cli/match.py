@@ -122,7 +122,7 @@ def command(
         draw_match(match, a.view, b.view, out)
     document = {
         **match.as_dict(),
-        "notes": [*a.notes, *b.notes],
+        "notes": [*a.notes, *b.notes, *match.notes],
         "source": str(source),
         "target": str(target),
         "figure": str(out),

@@ -108,10 +108,10 @@ def chosen_sequences(
         sequences: Only these, by their ids.
 
     Raises:
-        CallError: There are none, or a named split is held out: its truth is not in the dataset.
-        SpecError: The dataset has no such sequence.
+        CallError: There are none, the dataset has no such sequence, or a named split is held out:
+            its truth is not in the dataset.
     """
-    named = [dataset.sequence(each) for each in sequences] or dataset.sequences
+    named = [dataset.chosen(each) for each in sequences] or dataset.sequences
     wanted = [each for each in named if split in (None, each.split) and tier in (None, each.tier)]
     usable = [each for each in wanted if each.split not in dataset.held_out]
     if not usable:

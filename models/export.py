@@ -48,16 +48,23 @@ _LARGEST_HALF: Final = 65504.0
 
 
 def export_run(
-    run: Path, name: str, out: Path, dataset: Dataset, reports: Sequence[Scores] = ()
+    run: Path,
+    name: str,
+    out: Path,
+    dataset: Dataset,
+    reports: Sequence[Scores] = (),
+    *,
+    replace: bool = False,
 ) -> Path:
     """Write the small form of a finished run.
 
     Args:
         run: The run's folder.
         name: What the model is called: lower-case letters, digits and dashes.
-        out: The folder of models; `out/name` is made, or replaced if a model is there.
+        out: The folder of models; `out/name` is made.
         dataset: What the run was trained on.
         reports: Evaluations of the run (or of its shipped form) for the card.
+        replace: Replace `out/name` if it is there.
 
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
@@ -66,7 +73,7 @@ def export_run(
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a
-            report is of another run, or something else is in the way.
+            report is of another run, or the model exists.
         TrainingError: The run is not finished or damaged.
     """
     if not _NAME.fullmatch(name):
@@ -79,8 +86,12 @@ def export_run(
     if not (run / RUN_FACTS).is_file():
         raise CallError("the run is not finished", path=run, required=RUN_FACTS)
     folder = out / name
-    if folder.exists() and not (folder / CARD).is_file():
-        raise CallError("the folder exists and is not an exported model", path=folder)
+    if folder.exists() and not replace:
+        raise CallError(
+            "the model exists already",
+            path=folder,
+            fix="Choose another --name or --out, or delete it.",
+        )
     settings = read_yaml(run / CONFIG)
     also = [FurtherSet.parse(entry) for entry in settings.get("also", ())]
     named = [Dataset.open(each.data) if each.data else dataset for each in also]

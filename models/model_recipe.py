@@ -254,7 +254,7 @@ def make_model(
     text = yaml_text(settings_to_dict(recipe))
     (out / "stages" / last / RECIPE).write_text(text, encoding="utf-8")
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
-    return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
+    return export_run(out / "stages" / last, recipe.name, out / "models", dataset, replace=True)
 
 
 def _check_finished(

@@ -18,6 +18,7 @@ from pliant.service.audit import HOST, record, verify_log
 from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.models import Submission
 from pliant.service.receipts import (
+    EARLIER,
     PRIVATE_KEY,
     PUBLIC_KEY,
     decrypted_key,
@@ -230,7 +231,7 @@ def _restore_keys(folder: Path, passphrase: bytes | None) -> bool:
     if private.is_file():
         return False
     old = folder / PUBLIC_KEY
-    old.rename(folder / f"earlier-{key_id(read_public_key(old))}.public.pem")
+    old.rename(folder / f"{EARLIER}{key_id(read_public_key(old))}.public.pem")
     write_keys(folder)
     return True
 

@@ -24,7 +24,7 @@ from sqlalchemy.orm import Session
 
 from pliant.service.database import Database, sqlite_url
 from pliant.service.models import Submission
-from pliant.service.receipts import PRIVATE_KEY, PUBLIC_KEY
+from pliant.service.receipts import EARLIER, PRIVATE_KEY, PUBLIC_KEY
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.store import FolderStore
 from pliant.spec.dataset import Dataset
@@ -61,8 +61,8 @@ class Challenge:
             upgrade: Bring the database's tables to this version.
 
         Raises:
-            CallError: It is not a challenge, its database is missing or of another version, or
-                `challenge.yaml` lacks a phase that has submissions.
+            CallError: It is not a challenge, its database is missing or of another version, another
+                one is named, or `challenge.yaml` lacks a phase that has submissions.
         """
         root = root.resolve()
         if not is_challenge(root):
@@ -72,10 +72,17 @@ class Challenge:
                 required=f"a folder with {CHALLENGE_YAML}",
                 fix="Make one with: pliant challenge create",
             )
-        if database_url is None and not (root / SQLITE).is_file():
+        own = root / SQLITE
+        if database_url not in (None, sqlite_url(own)) and own.is_file():
+            raise CallError(
+                "another database is named, and the challenge has its own",
+                path=own,
+                fix="Leave --database out, and unset PLIANT_DATABASE.",
+            )
+        if database_url is None and not own.is_file():
             raise CallError(
                 "the challenge's database is missing",
-                path=root / SQLITE,
+                path=own,
                 fix="Name the PostgreSQL database with --database, or restore a backup.",
             )
         challenge = cls.of(root, database_url)
@@ -123,6 +130,11 @@ class Challenge:
     def public_key(self) -> Path:
         """The key that verifies receipts."""
         return self.root / "keys" / PUBLIC_KEY
+
+    @property
+    def earlier_keys(self) -> list[Path]:
+        """The keys that verify receipts of before a restore without the private key."""
+        return sorted(self.public_key.parent.glob(f"{EARLIER}*.pem"))
 
     @property
     def title(self) -> str:

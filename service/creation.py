@@ -39,7 +39,7 @@ def create_challenge(
         root: The challenge's folder; new or empty.
         data: The public half.
         private: The private half.
-        splits: Splits that become phases, where `config` names none.
+        splits: Splits that become phases, where `config` names none; by default test.
         config: `challenge.yaml`, or None.
         database_url: The database; None makes a SQLite file in the folder.
 

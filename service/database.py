@@ -22,6 +22,7 @@ from pliant.spec.errors import CallError
 BUSY_S: Final = 5.0
 """How long a transaction waits for another one, or for the database to answer."""
 
+_DRIVERS: Final = ("sqlite", "postgresql", "postgresql+psycopg")
 _WRITE_LOCK: Final = 0x506C69616E74
 """Number of PostgreSQL's advisory lock: transactions that write the audit log take turns."""
 
@@ -153,6 +154,8 @@ def now_ms() -> int:
 def _engine(url: str) -> Engine:
     try:
         parsed = make_url(url)
+        if parsed.drivername not in _DRIVERS:
+            raise NoSuchModuleError(f"driver {parsed.drivername}")
         if parsed.drivername == "postgresql":
             parsed = parsed.set(drivername="postgresql+psycopg")
         sqlite = parsed.get_backend_name() == "sqlite"
@@ -169,7 +172,7 @@ def _engine(url: str) -> Engine:
             max_overflow=24,
             pool_timeout=BUSY_S,
         )
-    except (ArgumentError, NoSuchModuleError) as error:
+    except (ArgumentError, NoSuchModuleError, ValueError) as error:
         raise CallError(
             "the database's URL cannot be used",
             found=str(error).partition("\n")[0],

@@ -24,15 +24,17 @@ class Attempts:
     Attributes:
         today: On the present UTC day.
         total: In all.
+        overdrawn: How many more it has used than the rules allow now, which may have changed.
     """
 
     today: int
     total: int
+    overdrawn: int = 0
 
     @property
     def left(self) -> int:
         """Submissions that may be sent now."""
-        return max(0, min(self.today, self.total))
+        return min(self.today, self.total)
 
 
 def attempts(session: Session, team_id: int, phase: Phase, time_ms: int) -> Attempts:
@@ -43,7 +45,8 @@ def attempts(session: Session, team_id: int, phase: Phase, time_ms: int) -> Atte
             LedgerEntry.team_id == team_id, LedgerEntry.phase == phase.name
         )
     ).one()
-    return Attempts(phase.attempts_per_day + int(row[0]), phase.attempts_total + int(row[1]))
+    left, total = phase.attempts_per_day + int(row[0]), phase.attempts_total + int(row[1])
+    return Attempts(max(0, left), max(0, total), max(0, -left, -total))
 
 
 def charge(session: Session, submission: Submission) -> None:
@@ -61,6 +64,8 @@ def credit(
 ) -> None:
     """Give a team more attempts: in all, and on the present day beyond the daily number.
 
+    What it has used beyond the present rules is forgiven.
+
     Raises:
         CallError: The number is out of range.
     """
@@ -70,13 +75,14 @@ def credit(
             found=amount,
             required=f"1 to {_LARGEST_CREDIT:,}",
         )
+    overdrawn = attempts(session, team_id, phase, time_ms).overdrawn
     session.add(
         LedgerEntry(
             team_id=team_id,
             phase=phase.name,
             submission_id=None,
             kind=CREDIT,
-            amount=amount,
+            amount=amount + overdrawn,
             day=utc_day(time_ms),
             created_ms=time_ms,
         )

@@ -20,6 +20,7 @@ from pliant.spec.io.reading import sha256_file
 RECEIPT_VERSION: Final = "1.0"
 PRIVATE_KEY: Final = "receipts.private.pem"
 PUBLIC_KEY: Final = "receipts.public.pem"
+EARLIER: Final = "earlier-"
 
 
 class Signer:

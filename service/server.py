@@ -59,7 +59,12 @@ class Workers:
         process = multiprocessing.get_context("spawn").Process(
             target=work, args=self._work, daemon=False
         )
-        process.start()
+        # While it still imports, Ctrl-C would end it with a traceback: it waits until it can stop.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return process
 
     def _watch(self) -> None:

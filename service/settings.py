@@ -60,6 +60,8 @@ class Phase(Settings):
     def _check(self) -> Phase:
         if self.opens and self.closes and self.opens >= self.closes:
             raise Refused("a time after opens", "closes")
+        if len(set(self.protocols)) < len(self.protocols):
+            raise Refused("different protocols", "protocols")
         return self
 
     def status(self, time_ms: int) -> Literal["upcoming", "open", "closed"]:
@@ -136,17 +138,26 @@ class ChallengeSettings(Settings):
         raise CallError("no such phase", found=repr(name)[:60], required=names)
 
 
-def read_challenge_settings(path: Path | None, splits: tuple[str, ...] = ()) -> ChallengeSettings:
+def read_challenge_settings(
+    path: Path | None, splits: tuple[str, ...] | None = None
+) -> ChallengeSettings:
     """Read `challenge.yaml`.
 
     Args:
         path: The file; None takes the defaults.
-        splits: Splits of which each becomes a phase of its own, where the file names no phases.
+        splits: Splits of which each becomes a phase of its own, where the file names no phases: by
+            default test. None: the file has to name its phases.
 
     Raises:
-        CallError: It cannot be read, or a setting is refused; every problem is listed.
+        CallError: It cannot be read, or a setting is refused; every problem is listed. Or splits
+            are given as well as phases.
     """
     values = {} if path is None else read_mapping(path)
-    if splits and "phases" not in values:
-        values = {**values, "phases": [{"name": split, "split": split} for split in splits]}
+    if splits and "phases" in values:
+        raise CallError(
+            "the phases name their splits already", path=path, where="phases", fix="Omit --split."
+        )
+    if splits is not None and "phases" not in values:
+        named = [{"name": split, "split": split} for split in splits or ("test",)]
+        values = {**values, "phases": named}
     return settings_from(ChallengeSettings, values, path=path)

@@ -39,7 +39,8 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
     with challenge.database.read() as session:
         numbers = session.scalars(select(Version.id)).all()
     of_versions = chain(map(_page, numbers), map(_table, numbers))
-    check_out_dir(out, (INDEX, *_OTHERS, *of_versions), "site")
+    keys = {_KEY: challenge.public_key, **{path.name: path for path in challenge.earlier_keys}}
+    check_out_dir(out, (INDEX, *_OTHERS, *keys, *of_versions), "site")
     site = Site(challenge)
     pages: list[str] = []
     with challenge.database.read() as session, staged(out) as folder:
@@ -61,6 +62,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
                 time_ms=time_ms,
                 show=rules.show,
                 first_id=None if first is None else first.id,
+                earlier_keys=[name for name in keys if name != _KEY],
             )
             name = INDEX if version is first else _page(version.id)
             pages.append(name)
@@ -76,7 +78,8 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
         for number, way, receipt in session.execute(public):
             write_json(folder / _SUBMISSIONS / f"{number}-{way}.json", receipt)
         (folder / _STYLE).write_bytes(static_file(_STYLE))
-        (folder / _KEY).write_bytes(challenge.public_key.read_bytes())
+        for name, path in keys.items():
+            (folder / name).write_bytes(path.read_bytes())
     return pages
 
 

@@ -94,9 +94,27 @@ def check_allowed(
             429,
             "no attempt is left" if left.total < 1 else "no attempt is left today",
             required=f"{phase.attempts_per_day} per UTC day, {phase.attempts_total} in all",
-            fix="Ask the host for a credit." if left.total < 1 else "Attempts renew at 00:00 UTC.",
+            fix=_held(session, phase, who)
+            + ("Ask the host for a credit." if left.total < 1 else "Attempts renew at 00:00 UTC."),
         )
     return time_ms
+
+
+def _held(session: Session, phase: Phase, who: Identity) -> str:
+    """Return a sentence on attempts that files hold until they are checked, or nothing."""
+    waiting = session.scalar(
+        select(func.count())
+        .select_from(Submission)
+        .where(
+            Submission.team_id == who.team_id,
+            Submission.phase == phase.name,
+            Submission.state.not_in(FINAL),
+            Submission.check_only.is_(False),
+        )
+    )
+    if not waiting:
+        return ""
+    return f"Wait for your files in the queue ({waiting}): a refused one gives its attempt back. "
 
 
 def may_be_known(session: Session, phase: Phase, who: Identity, size: int | None) -> bool:

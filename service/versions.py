@@ -136,6 +136,8 @@ def add_version(
 def add_missing_versions(session: Session, challenge: Challenge) -> None:
     """Add versions for the phases and protocols of `challenge.yaml` that have none yet.
 
+    What a phase has scored before is queued for a protocol that is new in it.
+
     Raises:
         CallError: A phase has another truth than its versions, or `add_version` refuses one.
     """
@@ -154,8 +156,12 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
             )
         for name in phase.protocols:
             text = protocol_text(name)
-            if parse_protocol(text).name not in {each.protocol for each in known}:
-                add_version(session, challenge, phase, text, truth, "initial scoring", actor=HOST)
+            if parse_protocol(text).name in {each.protocol for each in known}:
+                continue
+            reason = "added to the rules" if known else "initial scoring"
+            version = add_version(session, challenge, phase, text, truth, reason, actor=HOST)
+            if known:
+                rescore(session, [version], actor=HOST)
 
 
 def versions_of(session: Session, phase: str) -> list[Version]:

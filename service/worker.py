@@ -263,6 +263,7 @@ def run_worker(challenge: Challenge, parent: BaseProcess | None = None) -> None:
     worker = Worker(challenge)
     for each in (signal.SIGTERM, signal.SIGINT):
         signal.signal(each, lambda *_: worker.stop())
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # as `Workers` starts it
     if parent is not None:
         threading.Thread(target=_stop_after, args=(worker, parent), daemon=True).start()
     worker.run()

@@ -244,6 +244,21 @@ class Dataset:
             )
         return self._by_id[sequence_id]
 
+    def chosen(self, sequence_id: str) -> SequenceRecord:
+        """Return the sequence that a person names.
+
+        Raises:
+            CallError: The dataset has no such sequence.
+        """
+        if sequence_id not in self._by_id:
+            raise CallError(
+                "the dataset has no such sequence",
+                path=self.root,
+                found=repr(sequence_id)[:100],
+                required=f"such as {next(iter(self._by_id))}" if self._by_id else None,
+            )
+        return self._by_id[sequence_id]
+
     def frame(self, sequence_id: str, index: int) -> RecordedFrame:
         """Return a frame by the id of its sequence and its index; its files are read later."""
         sequence = self.sequence(sequence_id)

@@ -7,12 +7,13 @@ import io
 import math
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 from pliant.baselines.matcher import Matcher
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.io.writing import replacing, require_folder
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
@@ -35,11 +36,10 @@ class Annotation:
         marks: Marks of an earlier `annotations.csv`; the names of their points are kept.
 
     Attributes:
-        heic: Number of HEIC pictures, which are left out.
+        left_out: Sentences on HEIC files and on pictures that cannot be read.
 
     Raises:
         CallError: It is not a folder, cannot be written to, or has fewer than two pictures.
-        PliantError: A picture cannot be read.
     """
 
     def __init__(
@@ -49,15 +49,21 @@ class Annotation:
             raise CallError("folder not found", path=folder)
         require_folder(folder)  # of annotations.csv: not to be found out after the first click
         pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
-        self.pictures = sorted(pictures, key=lambda picture: number_order(picture.name))
-        self.heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
+        sizes = _sizes(sorted(pictures, key=lambda picture: number_order(picture.name)))
+        self.pictures, self.sizes = list(sizes), list(sizes.values())
+        heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
+        unread = len(pictures) - len(sizes)
+        self.left_out = [
+            *([f"{plural(heic, 'HEIC file')} left out: save them as JPEG"] if heic else []),
+            *([f"{plural(unread, 'picture')} left out: not readable"] if unread else []),
+        ]
         if len(self.pictures) < 2:
             raise CallError(
                 "points are marked in several pictures",
                 path=folder,
                 found=plural(len(self.pictures), "picture"),
                 required="at least two of " + ", ".join(SUFFIXES),
-                fix="HEIC is not supported: save the pictures as JPEG." if self.heic else None,
+                fix="; ".join(self.left_out) or None,
             )
         for picture in self.pictures:
             if not picture.name.isprintable():
@@ -67,7 +73,6 @@ class Annotation:
                     found=ascii(picture.name)[:80],
                     fix="Rename the file.",
                 )
-        self.sizes = [photo_size(picture) for picture in self.pictures]
         self.path = folder / ANNOTATIONS_CSV
         self.marks: Marks = marks or {}
         self.points = list(dict.fromkeys(chain(points, *self.marks.values())))
@@ -145,6 +150,15 @@ def _listed(mark: Mark) -> tuple[float | None, float | None, bool, str]:
     known = math.isfinite(mark.u_px + mark.v_px)
     x, y = (mark.u_px, mark.v_px) if known else (None, None)
     return x, y, mark.visible, mark.source
+
+
+def _sizes(pictures: Sequence[Path]) -> dict[Path, tuple[int, int]]:
+    """Return (width, height) of the pictures that can be read."""
+    sizes: dict[Path, tuple[int, int]] = {}
+    for picture in pictures:
+        with suppress(PliantError):
+            sizes[picture] = photo_size(picture)
+    return sizes
 
 
 def _checked(

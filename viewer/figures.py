@@ -58,7 +58,7 @@ def draw_figure(
         raise CallError("no images are asked for", where="--count", found=count, required=">= 1")
     check_ending(out, PICTURES if figure in _SHEETS else DRAWINGS)
     dataset = Dataset.open(root)
-    chosen = [dataset.sequence(sequence)] if sequence else list(dataset.sequences)
+    chosen = [dataset.chosen(sequence)] if sequence else list(dataset.sequences)
     if not chosen:
         raise CallError("the dataset has no sequences", path=root)
     if figure in _NEEDED:  # withheld sequences and imported ones do not have it

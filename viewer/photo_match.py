@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -78,6 +78,7 @@ class PhotoMatch:
         near_px: What is near an answer, in pixels of the target's view: 2 % of its longer side.
         blank: What is wrong with the pictures, in words; empty if nothing is.
         remarks: What the method says of the pictures and their masks.
+        notes: What the method did by itself, in sentences.
     """
 
     method: str
@@ -87,6 +88,7 @@ class PhotoMatch:
     near_px: float
     blank: str = ""
     remarks: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
     def confidence(self, point: PointMatch) -> float | None:
         """Return how sure an answer is, 0 to 1, or None where the method does not say.
@@ -95,10 +97,10 @@ class PhotoMatch:
         of a heat map where there is no density; 0 for a blank picture, and multiplied by the
         familiarity of a point that is unlike the training data.
         """
-        if not len(point.mixture) and point.heat is None:
-            return None
         if self.blank:
             return 0.0
+        if not len(point.mixture) and point.heat is None:
+            return None
         if len(point.mixture):
             own = point.probability_within(self.near_px)
         else:
@@ -206,7 +208,8 @@ def match_photo(
     blank = _blank(source, target, [bool((scale > 1).any()) for scale in (scale_a, scale_b)])
     remarks = matcher.remarks(source, target) if isinstance(matcher, RemarkingMatcher) else []
     remarks = [*remarks, *_beside_object(matcher, source, uv_a_px)]
-    return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks)
+    notes = _found(matcher, {"source": source, "target": target})
+    return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks, notes)
 
 
 @runtime_checkable
@@ -216,6 +219,21 @@ class MaskFinder(Protocol):
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         ...
+
+
+def _found(matcher: Matcher, views: Mapping[str, Frame]) -> list[str]:
+    """Return what is to be said of objects that a method found in pictures without a mask."""
+    notes: list[str] = []
+    for side, view in views.items():
+        if view.mask is not None or not isinstance(matcher, MaskFinder):
+            continue
+        mask = matcher.object_mask(view)
+        if mask is not None and mask.any():
+            share = np.count_nonzero(mask) / mask.size
+            notes.append(
+                f"{matcher.name} found the object in the {side} ({share:.1%} of the picture)."
+            )
+    return notes
 
 
 def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float32]) -> list[str]:
@@ -312,5 +330,5 @@ def _blank(source: Frame, target: Frame, reduced: Sequence[bool]) -> str:
             why = " after its reduction to --max-size" if smaller else ""
             return f"The {name} is only {width}x{height} px{why}: there is nothing to compare."
         if float(view.rgb.mean(axis=-1).std()) < _LEAST_SPREAD:
-            return f"The {name} shows one colour only: there is nothing to compare."
+            return f"The {name} is of one colour or nearly so: there is nothing to compare."
     return ""

@@ -93,7 +93,7 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         groups=groups[1:] if len(groups) == 2 else groups,
         heading=partial(heading, protocol=document["protocol"], rounded="rounded" in document),
         cell=partial(score_cell, document),
-        no_interval=any(count < 2 for count in counts),
+        no_interval=any(count < 3 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),
         charts=report_charts(document),
         verdict=report_verdict(document),

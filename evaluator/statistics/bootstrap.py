@@ -28,6 +28,7 @@ from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 _CHUNK_CELLS: Final = 1 << 22
+_LEAST_FREEDOM: Final = 2  # with one degree of freedom, Student's t says nothing
 
 
 class Bootstrap(Settings):
@@ -104,7 +105,7 @@ def intervals(
 
     Returns:
         One mapping of metric to [low, high] for the whole split, then one a tier. A metric is
-        left out where it is not defined, and everywhere in a tier of a single sequence.
+        left out where it is not defined, and everywhere in a tier of fewer than three sequences.
     """
     pairs = [ratio.terms(columns) for ratio in ratios]
     terms = np.stack([side for pair in pairs for side in pair], axis=1)
@@ -116,7 +117,9 @@ def intervals(
         sums = drawn.sum(axis=1) if group == 0 else drawn[:, group - 1]
         counted = (tier_of_pair == group - 1) | (group == 0)
         whole = terms[counted].sum(axis=0, keepdims=True)  # (1, 2M)
-        enough = bool((sizes[sizes > 0] > 1).all()) if group == 0 else sizes[group - 1] > 1
+        sequences, tiers = crossing.extent(group)
+        alone = (sizes == 1).any() if group == 0 else sizes[group - 1] == 1
+        enough = sequences - tiers >= _LEAST_FREEDOM and not alone
         found: dict[str, list[float]] = {}
         for index, ratio in enumerate(ratios):
             above, below = 2 * index, 2 * index + 1
@@ -124,9 +127,7 @@ def intervals(
             values = values[np.isfinite(values)]
             if enough and len(values):
                 score = float(ratio.finish(whole[:, above], whole[:, below])[0])
-                found[ratio.name] = interval(
-                    ratio, score, values, settings.level, *crossing.extent(group)
-                )
+                found[ratio.name] = interval(ratio, score, values, settings.level, sequences, tiers)
         result.append(found)
     return result
 

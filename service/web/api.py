@@ -100,10 +100,12 @@ def phase_of(site: Site, name: str | None) -> Phase:
 
 
 def version_of(session: Session, site: Site, phase: str | None, number: int | None) -> Version:
-    """Return a version by its number, or the one that a phase's leaderboard opens with."""
-    if number is not None:
-        found = session.get(Version, number)
-    else:
+    """Return a version by its number, or the one that a phase's leaderboard opens with.
+
+    So it is where the number is that of another phase: the page's form has the former one.
+    """
+    found = None if number is None else session.get(Version, number)
+    if number is None or (found and phase and found.phase != phase):
         found = default_version(session, phase_of(site, phase))
     if found is None:
         raise NotAcceptedError("NOT_FOUND", 404, "no such version of scoring")

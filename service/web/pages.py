@@ -96,9 +96,14 @@ def rules(request: Request, site: TheSite, who: Visitor) -> HTMLResponse:
         versions = {
             phase.name: versions_of(session, phase.name) for phase in site.challenge.settings.phases
         }
-        key = site.challenge.public_key.read_text()
-        own = site.rules_html
-        values = {"time_ms": time_ms, "versions": versions, "key": key, "rules_html": own}
+        challenge = site.challenge
+        values = {
+            "time_ms": time_ms,
+            "versions": versions,
+            "key": challenge.public_key.read_text(),
+            "earlier_keys": [path.read_text() for path in challenge.earlier_keys],
+            "rules_html": site.rules_html,
+        }
         address = site.base_url or str(request.base_url).rstrip("/")
         return page(site, "rules.html.j2", who, base_url=address, **values)
 

@@ -54,7 +54,8 @@ def utc(time_ms: int | None) -> str:
 
 def figure_heading(figure: dict[str, Any]) -> Heading:
     """Return the column heading of a figure of `Version.figures`."""
-    return Heading(figure["label"], figure["about"], figure["unit"], figure["better"])
+    names = ("label", "about", "unit", "better")
+    return Heading(*(figure[name] for name in names), rounded=True)
 
 
 class Site:

@@ -84,14 +84,13 @@ def test_intervals_of_every_group(crossed: Crossing) -> None:
         {"pck", "rmse_px"},
         {"pck", "rmse_px"},
         set(),
-        {"pck", "rmse_px"},
+        set(),  # two sequences
     ]
     names = ("hits", "asked", "squares")
     drawn = replicates(crossed, np.stack([COLUMNS[name] for name in names], axis=1), SETTINGS)
     for group, mine, extent in (
         (0, TIER >= 0, (6, 2)),
         (1, TIER == 0, (4, 1)),
-        (3, TIER == 2, (2, 1)),
     ):
         sums = drawn.sum(axis=1) if group == 0 else drawn[:, group - 1]
         sums = sums[sums[:, 1] > 0]

@@ -190,7 +190,7 @@ def make_trial(
         halves = service_halves
         if text or url:
             host = create_challenge(
-                root, halves.public, halves.private, ["test"], config if text else None, url
+                root, halves.public, halves.private, [], config if text else None, url
             )
         else:
             plain, host = plain_challenge

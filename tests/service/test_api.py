@@ -10,6 +10,7 @@ import json
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,12 @@ from sqlalchemy import text
 
 from pliant.evaluator import read_protocol
 from pliant.service.receipts import read_public_key, verify_receipt
-from pliant.service.scoring import score_in_child
+from pliant.service.scoring import Result, Task, score_in_child
+from pliant.service.settings import Scoring
 from pliant.service.store import FolderStore
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
-from tests.service.conftest import Halves, MakeTrial, Trial
+from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 API = "/api/v1"
 FIGURES_OF_STANDARD = read_protocol("standard").headline
@@ -259,6 +261,20 @@ def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial
         assert "sent this file before" in ada.get("/submissions/1?again=1").text
         stored = [path for path in (trial.challenge.root / "submissions").rglob("*.parquet")]
         assert len(stored) == 1
+
+
+def test_pages_show_the_digits_that_decide_ranks(plain: Trial, plain_client: TestClient) -> None:
+    def close(task: Task, limits: Scoring) -> Result:
+        figures = {"overall": {"rmse_px": 131.7, "pck_8px": 0.03535}}
+        return replace(quick(task, limits), figures={task.versions[0][0]: figures})
+
+    plain.send(b"good")
+    plain.work(close)
+    team = plain.who(plain.tokens[0]).team_id
+    for page in ("/", f"/teams/{team}", "/submissions/1"):
+        shown = SignedIn(plain_client, plain.tokens[0]).get(page).text
+        assert "131.7</td>" in shown
+        assert "0.03535</td>" in shown
 
 
 def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:

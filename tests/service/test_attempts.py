@@ -80,6 +80,28 @@ def test_credit_adds_attempts_today_and_in_all(trial: Trial) -> None:
     trial.send(b"six")
 
 
+def test_rules_with_fewer_attempts_leave_none_and_credit_counts_from_there(trial: Trial) -> None:
+    for number in range(4):
+        trial.send(f"{number}".encode())
+    fewer = trial.phase.replace(attempts_per_day=1, attempts_total=2)
+    with trial.challenge.database.write() as session:
+        team = trial.who(trial.tokens[0]).team_id
+        now = database.now_ms()
+        found = attempts(session, team, fewer, now)
+        assert (found.today, found.total, found.left) == (0, 0, 0)
+        credit(session, team, fewer, 2, now, actor="host")
+        assert attempts(session, team, fewer, now) == Attempts(2, 3)
+
+
+def test_files_in_the_queue_hold_attempts(trial: Trial) -> None:
+    for number in range(5):
+        trial.send(f"b{number}".encode())
+    with pytest.raises(NotAcceptedError, match=r"your files in the queue \(5\)"):
+        trial.send(b"six")
+    trial.work()
+    trial.send(b"six")
+
+
 def test_credits_of_another_day_count_in_all_and_not_today(trial: Trial) -> None:
     give(trial, 1, 0)
     assert left(trial) == Attempts(5, 101)

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
+from fastapi.testclient import TestClient
 from sqlalchemy import select, text
 from sqlalchemy.exc import DBAPIError
 
@@ -24,6 +25,7 @@ from pliant.service.archive import restore_challenge, write_archive, write_backu
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
+from pliant.service.database import sqlite_url
 from pliant.service.models import APPEND_ONLY, Base, Score, Version
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
 from pliant.service.rescoring import rescore_challenge
@@ -31,6 +33,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
+from pliant.service.versions import add_missing_versions
 from pliant.service.web.app import make_app
 from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.conftest import Refused
@@ -240,6 +243,16 @@ def test_backup_and_archive_give_the_same_service(
         if source == "keyless.tar":
             earlier = next((out / "keys").glob("earlier-*.public.pem"))
             verify_receipt(receipts[0], read_public_key(earlier))
+            write_challenge_site(restored, tmp_path / "site")
+            assert f'href="{earlier.name}"' in (tmp_path / "site" / "index.html").read_text()
+            receipt = str(tmp_path / "site" / "submissions" / "1-1.json")
+            for key_name, status in ((earlier.name, 0), ("key.pem", 1)):
+                assert (
+                    run(["verify", receipt, "--key", str(tmp_path / "site" / key_name)]) == status
+                )
+            with TestClient(make_app(restored)) as client:
+                page = client.get("/rules").text
+            assert earlier.read_text().split("\n")[1] in page
         restored.database.engine.dispose()
 
 
@@ -405,13 +418,14 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
         ("max_file_mb: -1", "above 0 to 16384 MB"),
         ("phases: [{name: A b, split: test}]", "name.*small letters"),
         ("phases: [{name: a, split: test, shwo: last}]", "Did you mean .show"),
+        ("phases: [{name: a, split: test, protocols: [auc, auc]}]", "different protocols"),
     ],
 )
 def test_settings_name_what_is_wrong(tmp_path: Path, yaml: str, message: str) -> None:
     path = tmp_path / "challenge.yaml"
     path.write_text(yaml)
     with pytest.raises(CallError, match=message):
-        read_challenge_settings(path, ("test",))
+        read_challenge_settings(path, ())
 
 
 def test_what_create_and_open_refuse(
@@ -438,6 +452,8 @@ def test_what_create_and_open_refuse(
         config.write_text(f"phases: [{{name: a, split: test, protocols: [standard, {protocol}]}}]")
         with pytest.raises(CallError, match=message):
             create_challenge(tmp_path / "a", halves.public, halves.private, [], config)
+    with pytest.raises(CallError, match="phases name their splits already"):
+        create_challenge(tmp_path / "a", halves.public, halves.private, ["val"], config)
     without = f"^{halves.private}/truth/train.parquet: the true answers of split train are missing"
     with pytest.raises(SpecError, match=without):
         create_challenge(tmp_path / "a", halves.public, halves.private, ["train"])
@@ -454,6 +470,52 @@ def test_what_create_and_open_refuse(
     for upgrade in (False, True):
         with pytest.raises(CallError, match="not the database of a challenge"):
             Challenge.open(tmp_path / "a", upgrade=upgrade)
+
+
+def test_a_challenge_with_a_database_of_its_own_takes_no_other(
+    make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch, refused: Refused
+) -> None:
+    """Else PLIANT_DATABASE of one challenge would be read, and saved, as that of another."""
+    root = make_trial().challenge.root
+    monkeypatch.setenv("PLIANT_DATABASE", "postgresql://nobody@/none")
+    for call in (("audit", root), ("invite", root, "Team"), ("backup", root, "--out", root / "b")):
+        said = refused(2, "challenge", *call)
+        assert "the challenge has its own" in said
+        assert "unset PLIANT_DATABASE" in said
+    monkeypatch.setenv("PLIANT_DATABASE", sqlite_url(root / "challenge.sqlite"))
+    assert run(["challenge", "audit", str(root)]) == 0
+
+
+@pytest.mark.parametrize(
+    "url", ["mysql://x/y", "postgresql+asyncpg://x@/y", "postgresql://x@localhost:port/y", "y"]
+)
+def test_addresses_that_are_no_database_are_refused(
+    url: str, make_trial: MakeTrial, refused: Refused
+) -> None:
+    root = make_trial().challenge.root
+    (root / "challenge.sqlite").unlink()
+    said = refused(2, "challenge", "audit", root, "--database", url)
+    assert "the database's URL cannot be used" in said
+
+
+def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: MakeTrial) -> None:
+    trial = scored(make_trial())
+    path = trial.challenge.root / "challenge.yaml"
+    path.write_text(path.read_text().replace("- standard", "- paper\n  - standard"))
+    challenge = Challenge.open(trial.challenge.root)
+    for _ in range(2):  # of two processes, one adds it
+        with challenge.database.write() as session:
+            add_missing_versions(session, challenge)
+    assert [each[1] for each in rows(challenge)["version"]] == ["test", "test"]
+    Trial(challenge, None, trial.host, trial.tokens).work()
+    with TestClient(make_app(challenge)) as client:
+        page = client.get("/").text
+        assert "protocol <strong>paper</strong>" in page
+        assert "2 teams" in page
+        assert "<td>standard, paper</td>" in client.get("/rules").text
+        # The form keeps the protocol, and leaves it with the phase.
+        assert 'name="version" value="2"' in page
+        assert "protocol <strong>standard</strong>" in client.get("/?version=1&phase=test").text
 
 
 def test_phases_with_submissions_keep_their_names(make_trial: MakeTrial) -> None:

@@ -106,7 +106,7 @@ def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CallError, match=r"found 0 pictures.*\.gif$"):
         Annotation(tmp_path)
     (tmp_path / "IMG_1.HEIC").touch()
-    with pytest.raises(CallError, match="HEIC is not supported: save the pictures as JPEG"):
+    with pytest.raises(CallError, match="1 HEIC file left out: save them as JPEG"):
         Annotation(tmp_path)
     with pytest.raises(CallError, match="folder not found"):
         Annotation(tmp_path / "no")
@@ -123,9 +123,11 @@ def test_heic_files_next_to_pictures_are_named(
     folder: Path, monkeypatch: pytest.MonkeyPatch, called: Called
 ) -> None:
     (folder / "IMG_1.HEIC").touch()
+    (folder / "text.png").write_text("no picture")
     monkeypatch.setattr(LocalServer, "run", lambda server: server._socket.close())
     _, said, _ = called("annotate", folder, "--no-browser")
-    assert said.startswith("3 pictures; 1 HEIC file left out: save them as JPEG\n")
+    assert said.startswith("3 pictures; 1 HEIC file left out: save them as JPEG; ")
+    assert "1 picture left out: not readable\n" in said
 
 
 def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
