@@ -54,8 +54,13 @@ def utc(time_ms: int | None) -> str:
 
 def figure_heading(figure: dict[str, Any]) -> Heading:
     """Return the column heading of a figure of `Version.figures`."""
-    names = ("label", "about", "unit", "better")
-    return Heading(*(figure[name] for name in names), rounded=True)
+    return Heading(
+        label=figure["label"],
+        about=figure["about"],
+        stored_unit=figure["unit"],
+        better=figure["better"],
+        rounded=True,
+    )
 
 
 class Site:

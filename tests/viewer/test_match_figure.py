@@ -349,6 +349,9 @@ def test_a_ball_in_a_given_mask_is_separated(
     assert found["notes"] == ([separated] * 2 if given == "whole" else [])
 
 
+SIDES = ("source", "target")
+
+
 class Finder(Identity):
     """Finds the object where the picture is bright."""
 
@@ -378,6 +381,16 @@ def test_a_point_beside_the_object_that_the_method_finds_is_said() -> None:
     assert match_photo(Identity(), bare, bare, [(5, 5)]).warnings() == []
 
 
+def test_objects_that_the_method_finds_are_said() -> None:
+    rgb = np.zeros((40, 60, 3), np.uint8)
+    rgb[10:30, 20:40] = 255
+    bare, masked = Frame(rgb), Frame(rgb, rgb[..., 0] > 0)
+    said = [f"identity found the object in the {side} (16.7% of the picture)." for side in SIDES]
+    assert match_photo(Finder(), bare, bare, [(25, 15)]).notes == said
+    assert match_photo(Finder(), masked, bare, [(25, 15)]).notes == said[1:]
+    assert match_photo(Identity(), bare, bare, [(25, 15)]).notes == []
+
+
 @pytest.mark.parametrize("method", ["sift", "surf", "orb", "random"])
 @pytest.mark.parametrize("case", ["tiny", "black", "empty"])
 def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) -> None:
@@ -386,8 +399,9 @@ def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) ->
     if case != "tiny":
         rgb[:] = 0 if case == "black" else 140
         rgb[::2, ::3] += 1  # the noise of an empty table
-    match = match_photo(METHODS[method](), Frame(rgb), Frame(rgb), [(1.5, 1.5)])  # type: ignore[arg-type]
-    assert match.confidence(match.points[0]) in (None, 0.0)
+    points = [(1.5, 1.5)] if method == "random" else [(1.5, 1.5), (0.5, 1.5)]
+    match = match_photo(METHODS[method](), Frame(rgb), Frame(rgb), points)  # type: ignore[arg-type]
+    assert [match.confidence(point) for point in match.points] == [0.0] * len(points)
     assert "nothing to compare" in match.warnings()[0]
 
 
