@@ -12,7 +12,7 @@ from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.mask_repair import repaired, surely_kept
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, denoised, is_decided, rope_masks
+from pliant.models.don.segmentation import cloth_mask, denoised, rope_masks, surest
 from pliant.models.don.table import on_plain_table
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
@@ -156,11 +156,13 @@ class ViewDescriber:
     def _find_cloth(self, view: Frame) -> tuple[Mask, None] | None:
         """Return the mask of `foreground`, or None where nothing stands out."""
         rgb = denoised(view.rgb)
-        cloth = None if self.masks is None else self.masks.found(rgb, CLOTH_SIDE)[0]
-        if cloth is None or not is_decided(cloth):
+
+        def coarse() -> Float32Array:
             out = self._out(self.given.image(*self._resized(view)))
-            cloth = out.foreground[0, 0].cpu().sigmoid().numpy()
-        mask = cloth_mask(rgb, cloth)
+            return np.asarray(out.foreground[0, 0].cpu().sigmoid().numpy())
+
+        cloth = coarse() if self.masks is None else self.masks.found(rgb, CLOTH_SIDE)[0]
+        mask = cloth_mask(rgb, cloth if self.masks is None else surest(cloth, coarse))
         return None if mask is None else (mask, None)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:

@@ -5,8 +5,9 @@ background get new colours on their own, and sometimes strands get the backgroun
 the samples the background is drawn (noise of several sizes, stripes), with a soft shadow. So the
 shape and the edges of an object have to tell it from the table, not the colours of a renderer.
 Other objects in a picture count as the table. Later cycles, at a lower rate, show pictures in other
-light too: with bands of shadow, without colour, on tables with chequers and stripes. Trained on
-these from the start, a network loses as much where the light is even as it gains.
+light too: with bands of shadow, without colour, on tables with chequers and stripes, and on painted
+ones (`painted_tables.py`). Trained on these from the start, a network loses as much where the light
+is even as it gains.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from pliant.models.don.painted_tables import painted_table
 from pliant.models.networks.mask_network import CLOTH_SIDE, ROPE_SIDE, MaskNetwork, at_side
 from pliant.models.training.loop import StepProgress
 from pliant.spec.frame import Frame
@@ -33,6 +35,7 @@ _BLURRED: Final = 0.3
 _MOST_NOISE: Final = 0.1
 _LIT_UNEVENLY: Final = 0.35
 _PATTERNED: Final = 0.4  # of the backgrounds that are drawn
+_PAINTED: Final = 0.35
 _GREY, _PALE = 0.15, 0.3  # samples without colour, and those with no more than a part of it
 
 
@@ -154,7 +157,7 @@ def coloured(
         rgb: float (N, 3, h, w), 0 to 1.
         truth: float (N, 2, h, w), masks without and with the ball.
         camouflaged: Probability that some strands have the table's colour.
-        relit: Show some with shadows, without colour, and on tables with chequers or stripes.
+        relit: Show some with shadows, without colour, and on tables with a pattern.
     """
     count = len(rgb)
     each = (count, 1, 1, 1)
@@ -162,6 +165,8 @@ def coloured(
     table = torch.where(
         torch.rand(each) < _NEW_BACKGROUND, _backgrounds(rgb, objects, patterned=relit), rgb
     )
+    if relit:
+        table = _painted(table, objects)
     new = torch.rand(each) < _NEW_COLOURS
     front = torch.where(new, _mixed(rgb), rgb)
     table = torch.where(new, _mixed(table), table)
@@ -269,6 +274,22 @@ def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor, *, patterned: bool) -
     drawn = drawn + 0.25 * torch.rand(count, 1, 1, 1).square() * wave
     if patterned:
         drawn = drawn + _pattern(x, y, way, period)[:, None] * 0.3 * torch.randn(count, 3, 1, 1)
+    return (drawn * _shadow(objects)).clamp(0.0, 1.0)
+
+
+def _painted(table: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:
+    """Return backgrounds of which some are tables with a drawn pattern, in the objects' shadow."""
+    rng = np.random.default_rng(int(torch.randint(2**31, ())))
+    count, _, height, width = table.shape
+    light, tables = _shadow(objects), table.clone()
+    for k in np.flatnonzero(rng.random(count) < _PAINTED):
+        drawn = torch.from_numpy(painted_table(height, width, rng).transpose(2, 0, 1))
+        tables[k] = drawn * light[k]
+    return tables
+
+
+def _shadow(objects: torch.Tensor) -> torch.Tensor:
+    """Return the light (N, 1, h, w), 0.4 to 1, that soft shadows next to objects leave."""
     shift = tuple(int(k) for k in torch.randint(-9, 10, (2,)))
     shadow = functional.avg_pool2d(objects.roll(shift, (2, 3)), 9, 1, 4)
-    return (drawn * (1 - 0.6 * torch.rand(count, 1, 1, 1) * shadow)).clamp(0.0, 1.0)
+    return 1 - 0.6 * torch.rand(len(objects), 1, 1, 1) * shadow

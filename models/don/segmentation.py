@@ -4,12 +4,14 @@ A network knows about where the object is: a `MaskNetwork`, or else the descript
 foreground is coarser. Nearby, every pixel is compared with the table around the
 object, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
 negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
-chroma and the mean of log r; where the network is sure, whatever the colour. In a grey picture the
-network decides alone. `ball.py` tells the ball from the rope.
+chroma and the mean of log r; where the network is sure, whatever the colour. In a grey picture, and
+on a table with a pattern of many colours, the network decides alone. `ball.py` tells the ball from
+the rope.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import cv2
@@ -28,11 +30,12 @@ from pliant.spec.io.resizing import with_longer_side
 _WORKING_SIDE: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
 _DECIDED: Final = 0.9
-_LEAST_ROPE: Final = 0.2
+_LEAST_ROPE: Final = 0.03
 _MARGIN_PX: Final = 4
 _DARKEST: Final = -2.5
 _NO_CHROMA, _CHROMA = 0.2, 0.4  # of log r: below a shadow, above an object
 _COLOURLESS: Final = 0.1  # of log r: the chroma of a grey picture
+_AS_COLOURFUL: Final = 0.5  # chroma of the table's pattern, of the object's: colour says too little
 _NO_LIGHT, _LIGHT = 0.1, 0.5  # of the mean of log r, likewise
 _ROUNDS: Final = 2
 _LEAST_PART: Final = 0.05  # of the largest part
@@ -89,14 +92,23 @@ def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
     return resized(np.asarray(ndimage.binary_fill_holes(seen)), rgb.shape[:2])
 
 
-def is_decided(likely: Float32Array) -> bool:
-    """Return whether a network for masks is sure of one. Of prints, which it never saw, it is not.
+def surest(cloth: Float32Array, other: Callable[[], Float32Array]) -> Float32Array:
+    """Return the probabilities of the network that is surer of a mask.
 
     Args:
-        likely: float32 (h, w), its probability that a pixel shows the object.
+        cloth: float32 (h, w), that a pixel shows the cloth, of a network for masks. It is not sure
+            of prints and tables unlike those of its training.
+        other: Computes those of another network, float32 (h', w'), where it is needed.
     """
+    if _sureness(cloth) > _DECIDED:
+        return cloth
+    return max(cloth, other(), key=_sureness)
+
+
+def _sureness(likely: Float32Array) -> float:
+    """Return how far probabilities that are not small are from one half, 0 to 1."""
     possible = likely[likely > _POSSIBLE]
-    return bool(possible.size) and float(np.abs(2 * possible - 1).mean()) > _DECIDED
+    return float(np.abs(2 * possible - 1).mean()) if possible.size else 0.0
 
 
 def shown(rgb: Rgb, likely: Float32Array, least_known: float = _LEAST_KNOWN_PART) -> Mask | None:
@@ -129,13 +141,15 @@ def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:
-    """Return the pixels that GrabCut, or in a grey picture the network, gives to the foreground."""
+    """Return the foreground: what GrabCut finds, or the network where colours do not help."""
     light, tint = log_ratio_to_table(rgb, ~near)
     chroma = np.linalg.norm(tint, axis=-1)
     if np.percentile(chroma[near], 90) < _COLOURLESS and np.abs(light[near]).max() > _NO_LIGHT:
         return p > 0.5  # in a grey picture, all that is darker than the table looks like shadow
-    # A table with grain or noise varies by itself: what an object is must exceed that.
+    # A table with grain, noise or a pattern varies by itself: what an object is must exceed that.
     usual_chroma = np.percentile(chroma[~near], 90)
+    if usual_chroma > max(_NO_CHROMA, _AS_COLOURFUL * np.median(chroma[p > _CERTAIN])):
+        return p > 0.5
     usual_light = np.percentile(np.abs(light[~near]), 95)
     shadow = (chroma < max(_NO_CHROMA, 1.3 * usual_chroma)) & (light > _DARKEST)
     shadow &= light < max(_NO_LIGHT, usual_light)

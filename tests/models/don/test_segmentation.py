@@ -13,7 +13,7 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.ball import ball_in
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, is_decided, rope_masks, shown
+from pliant.models.don.segmentation import cloth_mask, rope_masks, shown, surest
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.ball_network import BALL as BALL_FILE
 from pliant.models.networks.ball_network import BallNetwork
@@ -175,13 +175,36 @@ def test_nothing_stands_out_from_an_even_picture() -> None:
     assert rope_masks(even, *vague(scene()[1]), None) is None
 
 
-def test_a_network_for_masks_is_asked_only_where_it_is_sure() -> None:
-    p = np.zeros((60, 80), dtype=np.float32)
-    assert not is_decided(p)
-    p[20:40, 30:60] = 0.97
-    assert is_decided(p)
-    p[20:40, 30:40] = 0.7  # a third of the cloth in doubt
-    assert not is_decided(p)
+def test_of_two_networks_the_surer_one_counts() -> None:
+    def cloth(p: float) -> Float32Array:
+        """Return a cloth of which a third has a probability."""
+        found = np.zeros((60, 80), dtype=np.float32)
+        found[20:40, 30:60], found[20:40, 30:40] = 0.97, p
+        return found
+
+    def other() -> Float32Array:
+        asked.append(True)
+        return cloth(0.8)
+
+    asked: list[bool] = []
+    np.testing.assert_array_equal(surest(cloth(0.95), other), cloth(0.95))
+    assert not asked  # its sureness is 0.93
+    np.testing.assert_array_equal(surest(cloth(0.82), other), cloth(0.82))
+    assert asked
+    np.testing.assert_array_equal(surest(cloth(0.7), other), cloth(0.8))
+    np.testing.assert_array_equal(surest(np.zeros((60, 80), np.float32), other), cloth(0.8))
+
+
+def test_the_network_decides_alone_on_a_table_as_colourful_as_the_object() -> None:
+    rgb, rope, ball, _ = scene()
+    rng = np.random.default_rng(0)
+    tiles = rng.integers(0, 256, (HEIGHT // 40, WIDTH // 40, 3)).astype(np.uint8)
+    patterned = np.repeat(np.repeat(tiles, 40, axis=0), 40, axis=1)
+    patterned[rope | ball] = rgb[rope | ball]
+    p = np.where(rope | ball, 0.9, 0.02).astype(np.float32)
+    p[200:230, 40:400] = np.maximum(p[200:230, 40:400], 0.3)  # possible, and as colourful
+    found = known(shown(patterned, p))
+    assert overlap(resized(found, rope.shape), rope | ball) > 0.9
 
 
 def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
