@@ -1,4 +1,4 @@
-"""Draws tables with a pattern: cells, tiles, planks, crossing bands, and things that lie about.
+"""Draws tables with a pattern: cells, tiles, planks, crossing bands, and scattered things.
 
 Tables of the generator are plain, mottled or of wood. A network that finds masks and has seen no
 others takes joints of tiles, printed lines and bright spots for the object. What is drawn here
