@@ -221,14 +221,20 @@ class MaskFinder(Protocol):
         ...
 
 
+def _found_mask(matcher: Matcher, view: Frame) -> npt.NDArray[np.bool_] | None:
+    """Return where a method found the object in a picture without a mask, or None."""
+    if view.mask is not None or not isinstance(matcher, MaskFinder):
+        return None
+    mask = matcher.object_mask(view)
+    return mask if mask is not None and mask.any() else None
+
+
 def _found(matcher: Matcher, views: Mapping[str, Frame]) -> list[str]:
     """Return what is to be said of objects that a method found in pictures without a mask."""
     notes: list[str] = []
     for side, view in views.items():
-        if view.mask is not None or not isinstance(matcher, MaskFinder):
-            continue
-        mask = matcher.object_mask(view)
-        if mask is not None and mask.any():
+        mask = _found_mask(matcher, view)
+        if mask is not None:
             share = np.count_nonzero(mask) / mask.size
             notes.append(
                 f"{matcher.name} found the object in the {side} ({share:.1%} of the picture)."
@@ -238,10 +244,8 @@ def _found(matcher: Matcher, views: Mapping[str, Frame]) -> list[str]:
 
 def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float32]) -> list[str]:
     """Return what should be known of queries that are not near the object that the method found."""
-    if source.mask is not None or not isinstance(matcher, MaskFinder):
-        return []
-    mask = matcher.object_mask(source)
-    if mask is None or not mask.any():
+    mask = _found_mask(matcher, source)
+    if mask is None:
         return []
     beside = sum(not _is_near(mask, uv, _NEAR_SHARE * max(mask.shape)) for uv in uv_px)
     if not beside:
@@ -278,9 +282,7 @@ def grid_points(
         (u, v) in pixels of the picture.
     """
     height, width = view.rgb.shape[:2]
-    mask = view.mask
-    if mask is None and isinstance(matcher, MaskFinder):
-        mask = matcher.object_mask(view)
+    mask = _found_mask(matcher, view) if view.mask is None else view.mask
     if mask is None or not mask.any():
         mask = np.ones((height, width), np.bool_)
     step = max(1.0, float(np.sqrt(np.count_nonzero(mask) / count)))

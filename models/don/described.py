@@ -161,8 +161,11 @@ class ViewDescriber:
             out = self._out(self.given.image(*self._resized(view)))
             return np.asarray(out.foreground[0, 0].cpu().sigmoid().numpy())
 
-        cloth = coarse() if self.masks is None else self.masks.found(rgb, CLOTH_SIDE)[0]
-        mask = cloth_mask(rgb, cloth if self.masks is None else surest(cloth, coarse))
+        if self.masks is None:
+            cloth = coarse()
+        else:
+            cloth = surest(self.masks.found(rgb, CLOTH_SIDE)[0], coarse)
+        mask = cloth_mask(rgb, cloth)
         return None if mask is None else (mask, None)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
