@@ -93,7 +93,7 @@ class RunSettings(Settings):
     limit: Natural = 0
     width: Annotated[int, Bounds(8, 8192, "px")] = 160
     height: Annotated[int, Bounds(8, 8192, "px")] = 120
-    seed: Natural = 0
+    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
     steps: Count = 3000
     batch: BatchSize = 8
     precision: Precision = "float32"

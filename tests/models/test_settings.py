@@ -22,6 +22,7 @@ from pliant.spec.errors import CallError
         ("network.global_blocks=1000000000", "required: 0 to 64"),
         ("batch=1000000000", "required: 1 to 4096"),
         ("workers=1000000000", "required: 0 to 256"),
+        ("seed=20301130123456", "found 20301130123456; required: 0 to 4294967295"),
         ("loss.time_weight=1", "required: 'sequence' or 'next' for loss.time_weight above 0"),
         ("answer.rotations=3", "unknown value; found 3; required: one of 1, 2 or 4"),
     ],
