@@ -7,6 +7,7 @@ propagation does by itself. A run states all three next to its own errors.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,8 +42,13 @@ class Guard:
 
     @property
     def listed(self) -> list[int]:
-        """The numbers of frames that are listed."""
-        return [frames for frames in LISTED if frames <= len(self.curves["trained"])]
+        """The numbers of frames that are listed: those after which a point is seen."""
+        values = self.curves["trained"]
+        return [
+            frames
+            for frames in LISTED
+            if frames <= len(values) and math.isfinite(values[frames - 1])
+        ]
 
     def verdict(self) -> str:
         """Return in words what the run beats and what not."""

@@ -139,6 +139,11 @@ def test_the_guard_says_what_is_not_beaten() -> None:
     better = Guard({**guard.curves, "trained": [0.5] * 5})
     assert better.verdict().startswith("The run beats identity, centroid and an untrained")
     assert better.as_dict()["rmse_px_of_640"]["identity"] == {"1": 1.0, "5": 5}  # type: ignore[index]
+    # Nobody fails where no point is seen, and the footer of a submission cannot store NaN.
+    unseen = Guard({name: [*values[:4], np.nan] for name, values in better.curves.items()})
+    assert unseen.listed == [1]
+    assert unseen.verdict() == better.verdict()
+    json.dumps(unseen.as_dict(), allow_nan=False)
 
 
 @pytest.mark.parametrize(
