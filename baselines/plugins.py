@@ -31,8 +31,10 @@ def plugged_in() -> dict[str, EntryPoint]:
 def is_reference(text: str) -> bool:
     """Return whether a text names an object: `path/to/my.py:Name` or `package.module:Name`."""
     place, colon, name = text.rpartition(":")
+    if text.endswith((".py", ".py:")):
+        return True  # open_plugin says that the name is missing
     if not colon or not all(part.isidentifier() for part in name.split(".")):
-        return text.endswith(".py")
+        return False
     return place.endswith(".py") or all(part.isidentifier() for part in place.split("."))
 
 
@@ -50,11 +52,11 @@ def open_plugin(reference: str, options: Mapping[str, Any]) -> Matcher | SplitMa
     """
     entry = plugged_in().get(reference)
     place, _, name = (entry.value if entry else reference).rpartition(":")
-    if not place:
+    if not place or not name:
         raise CallError(
             "the class is missing",
             where=reference,
-            fix=f"Name it after a colon: {reference}:Matcher",
+            fix=f"Name it after a colon: {reference.removesuffix(':')}:Matcher",
         )
     found: Any = _module(place, reference)
     for part in name.split("."):

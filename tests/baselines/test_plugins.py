@@ -114,6 +114,7 @@ def test_workers_answer_with_a_class_of_a_file(methods_file: Path, cards: Datase
     ("name", "options", "message"),
     [
         ("", {}, "the class is missing.*Name it after a colon: .*:Matcher"),
+        (":", {}, "the class is missing.*Name it after a colon: [^:]*:Matcher"),
         (":Shfit", {}, "there is no 'Shfit' in it.*Did you mean Shift"),
         (":Matcher", {}, "there is no 'Matcher' in it; required: one of Shift, .*function"),
         (":Shift", {"dx": 1}, "unexpected keyword argument 'dx'; found dx=1; .*options du, dv"),
