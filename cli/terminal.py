@@ -149,7 +149,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterator[Bar]:
-    """Show progress on stderr: a bar on a terminal, elsewhere a line every 30 s.
+    """Show progress on stderr: a bar on a terminal, elsewhere a line every 30 s if it is a new one.
 
     Args:
         title: What is being done.
@@ -168,8 +168,11 @@ def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterato
         ended = Event()
 
         def write_lines() -> None:
+            written = ""
             while not ended.wait(LOG_EVERY_S):
-                echo(bar.line(), err=True)
+                if (line := bar.line()) != written:
+                    echo(line, err=True)
+                written = line
 
         writer = Thread(target=write_lines, daemon=True)
         writer.start()

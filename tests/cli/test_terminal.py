@@ -87,6 +87,16 @@ def test_a_log_has_lines_also_before_the_first_step(
     assert capfd.readouterr().err == ""  # nothing after the end
 
 
+def test_a_log_has_no_line_twice(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "LOG_EVERY_S", 0.01)
+    with progress_bar("Training", "steps") as bar:
+        bar(2, 2, facts="measuring")
+        time.sleep(0.5)
+    assert capfd.readouterr().err == "Training: 2 of 2 steps, measuring\n"
+
+
 def test_a_log_says_that_a_trained_run_is_measured() -> None:
     """The measurements take as long as many steps, and no step comes then."""
     bar = Bar("Training", "steps", rich_progress(hidden=True))
