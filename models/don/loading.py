@@ -91,8 +91,8 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
             fix="Copy it from the run's folder, or make it there with --resume.",
         )
     matcher = DonMatcher(network, settings, calibration, facts)
-    if values := read_run_json(run / FAMILIARITY):
-        matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
+    if (path := run / FAMILIARITY).is_file():
+        matcher.familiarity = Familiarity.from_document(read_run_json(path), path)
     reader = matcher.reader
     if settings.answer.crossings:
         reader.crossings = _network_in(run / CROSSINGS, CrossingNetwork)

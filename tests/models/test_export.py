@@ -305,6 +305,10 @@ def test_unknown_and_damaged_models_are_refused(
         shutil.copyfile(models / "don-tiny" / name, tmp_path / "don-x" / name)
     with pytest.raises(TrainingError, match=r"calibration\.json: the calibration .* is missing"):
         load_shipped("don-x")
+    shutil.copyfile(models / "don-tiny/calibration.json", tmp_path / "don-x/calibration.json")
+    (tmp_path / "don-x/familiarity.json").write_text("{}")
+    with pytest.raises(TrainingError, match=r"familiarity\.json: the familiarity is damaged"):
+        load_shipped("don-x")
 
 
 def test_small_networks_are_exported_and_damaged_ones_refused(
