@@ -153,8 +153,12 @@ def data_digest(datasets: Sequence[Dataset]) -> str:
 
 
 def _is_only_begun(run: Path) -> bool:
-    """Return whether a folder is a run's that was interrupted before its first checkpoint."""
-    return (run / LOCK).is_file() and latest_checkpoint(run) is None
+    """Return whether a folder is a run's that was interrupted before its first checkpoint.
+
+    Of a finished run the checkpoint may have been removed.
+    """
+    is_run = (run / LOCK).is_file() and not (run / RUN_FACTS).is_file()
+    return is_run and latest_checkpoint(run) is None
 
 
 def write_settings(run: Path, settings: RunSettings) -> None:
