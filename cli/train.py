@@ -162,14 +162,14 @@ def _train(
         **given: Values of the options of `_run_options`.
     """
     from pliant.api import load
-    from pliant.models.training.checkpoint import checkpoint_to_resume, latest_checkpoint
-    from pliant.models.training.run_folder import CONFIG
+    from pliant.models.training.checkpoint import latest_checkpoint
+    from pliant.models.training.run_folder import CONFIG, begun_settings
     from pliant.spec.configuration import read_settings
 
     data, out, resume = given["data"], given["out"], given["resume"]
     dataset = load(data)
     if resume:
-        checkpoint_to_resume(out)  # before a setting of a run that is not there is asked for
+        begun_settings(out, settings)  # before a setting of another run is asked for
     config = given["config"] or (out / CONFIG if resume else recipe(dataset))
     chosen = read_settings(settings, config, given["overrides"])
     first = os.environ.get("RANK", "0") == "0"

@@ -41,6 +41,7 @@ class TrainingState:
         best: Lowest validation criterion so far, px.
         waited: Validations since then.
         history: Figures of every logged step, {"step": …, name: value}.
+        settings: The settings it runs with, as plain values.
     """
 
     step: int
@@ -51,6 +52,7 @@ class TrainingState:
     best: float = float("inf")
     waited: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
@@ -142,6 +144,7 @@ def save_checkpoint(run: Path, state: TrainingState) -> None:
         "waited": state.waited,
         "history": state.history,
         "data": state.data,
+        "settings": state.settings,
         "optimiser": plain,
     }
     with staged(folder) as place:
@@ -203,6 +206,7 @@ def read_checkpoint(folder: Path) -> TrainingState:
             waited=document["waited"],
             history=document["history"],
             data=document["data"],
+            settings=document.get("settings", {}),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise TrainingError(

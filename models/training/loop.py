@@ -34,6 +34,7 @@ from pliant.models.training.processes import Processes, agree, average_gradients
 from pliant.models.training.run_folder import TENSORBOARD, data_digest
 from pliant.models.training.settings import RunSettings
 from pliant.models.training.task import Task
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import TrainingError
 
 logger = logging.getLogger(__name__)
@@ -170,8 +171,9 @@ def _start(
     task: Task[Any], optimiser: torch.optim.Optimizer, run: Path, resume: bool
 ) -> TrainingState:
     network, data = task.network, data_digest(task.datasets)
+    settings = settings_to_dict(task.settings)
     if not resume:
-        return TrainingState(0, {}, _copy(network), {}, data)
+        return TrainingState(0, {}, _copy(network), {}, data, settings=settings)
     checkpoint = checkpoint_to_resume(run)
     state = read_checkpoint(checkpoint)
     if state.data != data:
@@ -182,6 +184,7 @@ def _start(
             required="the same datasets, with the sequences they had",
             fix="Name them, or start another run.",
         )
+    state.settings = settings  # those that change no step may differ now
     remove_others(checkpoint)
     network.load_state_dict(state.weights)
     optimiser.load_state_dict(state.optimiser)

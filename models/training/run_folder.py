@@ -9,14 +9,24 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from filelock import FileLock, Timeout
 
-from pliant.models.training.checkpoint import BEST, checkpoint_to_resume, latest_checkpoint
+from pliant.models.training.checkpoint import (
+    BEST,
+    checkpoint_to_resume,
+    latest_checkpoint,
+    read_checkpoint,
+)
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
-from pliant.spec.configuration import SettingsError, read_settings, settings_to_dict
+from pliant.spec.configuration import (
+    SettingsError,
+    read_settings,
+    settings_from,
+    settings_to_dict,
+)
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.writing import replacing
@@ -27,6 +37,8 @@ RUN_FACTS: Final = "run.json"
 CALIBRATION: Final = "calibration.json"
 TENSORBOARD: Final = "tensorboard"
 LOCK: Final = ".lock"
+
+Chosen = TypeVar("Chosen", bound=RunSettings)
 
 RESUMABLE: Final = ("threads", "workers", "cache", "cache_dir", "checkpoint_every")
 """Settings that may differ when a run resumes, because they change no training step."""
@@ -93,10 +105,23 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
         ) from error
 
 
-def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
-    checkpoint_to_resume(run)
+def begun_settings(run: Path, method: type[Chosen]) -> Chosen:
+    """Return the settings that a run which is to be resumed began with.
+
+    Those of its checkpoint, because its config may have been edited since.
+
+    Args:
+        run: The run's folder.
+        method: The class of its settings.
+
+    Raises:
+        TrainingError: It has no checkpoint or a damaged one, or its config is of another method.
+    """
+    folder = checkpoint_to_resume(run)
     try:
-        begun = read_settings(type(settings), run / CONFIG)
+        begun = read_settings(method, run / CONFIG)
+        values = read_checkpoint(folder).settings
+        return settings_from(method, values, path=folder) if values else begun
     except SettingsError as error:
         raise TrainingError(
             "the run is of another method, or its config was edited",
@@ -104,12 +129,15 @@ def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
             found=str(error).splitlines()[0],
             fix="Resume it by the `pliant train` command that began it.",
         ) from error
+
+
+def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
     check_same_settings(
         run,
-        settings_to_dict(begun),
+        settings_to_dict(begun_settings(run, type(settings))),
         settings_to_dict(settings),
         ignored=(*RESUMABLE, answering),
-        fix="Leave --config and --set out, or start another run.",
+        fix=f"Leave --config and --set out and {CONFIG} as it was, or start another run.",
     )
 
 

@@ -64,3 +64,24 @@ def test_predict_refuses_a_folder_without_weights(
     code, _, error = called("predict", tmp_path, "--data", sheet_dataset.root, "--out", out)
     assert code == 1
     assert "no validated weights yet" in error
+
+
+def test_a_run_is_resumed_with_the_settings_of_its_checkpoint(
+    sheet_dataset: Dataset, tmp_path: Path, called: Called
+) -> None:
+    """What `--resume` reads without settings is config.yaml, which may have been edited since."""
+    run = tmp_path / "run"
+    train = ("train", "don", "--data", sheet_dataset.root, "--out", run)
+    assert called(*train, *options(*DON, "steps=2"))[0] == 0
+    config = run / "config.yaml"
+    written = config.read_text()
+    config.write_text(written.replace("descriptor_dim: 4", "descriptor_dim: 8"))
+    code, _, error = called(*train, "--resume")
+    assert code == 1
+    assert "config.yaml, network.descriptor_dim: a run goes on with" in error
+    assert "found 8; required: 4. Leave --config and --set out and config.yaml as it was" in error
+    config.write_text(written.replace("threads: 0", "threads: 1"))
+    assert called(*train, "--resume")[0] == 0
+    code, _, error = called("train", "timecycle", *train[2:], "--resume")
+    assert code == 1
+    assert "run: the run is of another method, or its config was edited" in error
