@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.baselines.answers import checked_answers
 from pliant.baselines.flow import RETURN_PX, FlowChain
 from pliant.baselines.matcher import Matcher, SharingMatcher, SplitMatcher
 from pliant.spec.answers import Answers
@@ -133,7 +134,8 @@ class FusedTracker:
             belief = self._moved(belief, moved_px.clip(0, view.size), kept)
             visible = kept.astype(np.float32)
             if number % self._every == 0 and count:
-                found = self._matcher.answer(Pair(first, view, uv_px))
+                answered = self._matcher.answer(Pair(first, view, uv_px))
+                found = checked_answers(answered, count, self._matcher.name, f"frame {view.key}")
                 belief, agreed = self._fused(belief, found, uv_px, view.size)
                 if found.visible is not None:
                     visible = np.where(agreed, found.visible, visible)

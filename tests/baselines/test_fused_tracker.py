@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pliant
 from pliant.baselines import METHODS, Answers, Frame, Pair, TrackMatcher
 from pliant.baselines.fused_tracker import FusedTracker
 from pliant.spec.arrays import FloatArray
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SubmissionError
 from tests.baselines.cards import Similarity, card_view
 from tests.known import known
 
@@ -40,7 +41,7 @@ class Exact:
         uv = self.poses[step].place(card).astype(np.float32)
         visible = ~((uv[:, 0] > BAR.start) & (uv[:, 0] < BAR.stop))
         off = uv + np.array([1.5, -1.5], np.float32) if step not in self.wrong else uv[::-1]
-        modes = [np.array([[*row, 2.0, 0.9]], np.float32) for row in off]
+        modes = [np.array([[*row, 2.0, 1.0]], np.float32) for row in off]
         return Answers(off, visible.astype(np.float32), modes=modes)
 
 
@@ -112,6 +113,23 @@ def test_opened_by_name() -> None:
         pliant.open_method("fused:oracle")
     with pytest.raises(CallError, match="every"):
         pliant.open_method("fused:centroid", every=0)
+
+
+def test_a_matcher_may_answer_positions_alone(moving: tuple[list[Any], list[Frame]]) -> None:
+    poses, views = moving
+    start = poses[0].place(left_of_bar(poses[0])).astype(np.float32)
+
+    def track(answer: Callable[[Answers], Any]) -> list[Answers]:
+        class Plain(Exact):
+            def answer(self, pair: Pair) -> Any:
+                return answer(super().answer(pair))
+
+        return list(FusedTracker(Plain(poses), every=4).track(views, start))
+
+    plain, whole = track(lambda found: found.uv_px), track(lambda found: Answers(found.uv_px))
+    np.testing.assert_array_equal(plain[-1].uv_px, whole[-1].uv_px)
+    with pytest.raises(SubmissionError, match=r"frame 4, uv_px: .*wrong shape; found \(39, 2\)"):
+        track(lambda found: found.uv_px[1:])
 
 
 def test_no_points(moving: tuple[list[Any], list[Frame]]) -> None:
