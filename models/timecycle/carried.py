@@ -24,6 +24,7 @@ from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import ClipSettings, PropagationSettings, TimeCycleSettings
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import Float32Array
+from pliant.spec.calls import check_type
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
 
@@ -51,11 +52,12 @@ class CarriedPoints:
         options: Fields of `PropagationSettings`, instead of those of `READ`.
 
     Raises:
-        CallError: An option is unknown, or the network's input is the depth map.
+        CallError: An option is unknown or of a wrong type, or the network's input is the depth map.
         MissingExtraError: OpenCV is not installed.
     """
 
     def __init__(self, matcher: DonMatcher, flow: bool = True, **options: Any) -> None:
+        check_type("flow", flow, bool, required="true or false")
         self.name = CARRIED + matcher.name
         self._matcher = matcher
         self._flow = FlowChain("dis-chain") if flow else None

@@ -56,3 +56,5 @@ def test_only_networks_with_descriptors_carry_points() -> None:
         pliant.open_method("carried:centroid")
     with pytest.raises(CallError, match="priors"):
         pliant.open_method("carried:don-rope", priors=2)
+    with pytest.raises(CallError, match=r"flow: .*found 'no' \(str\); required: true or false"):
+        pliant.open_method("carried:don-rope", flow="no")  # `--set flow=no`
