@@ -72,7 +72,11 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
     check = _Check(method, where)
     fields: dict[str, Any] = {"uv_px": check.values("uv_px", answers.uv_px, (count, 2), _POSITION)}
     check.precision("uv_px", answers.uv_px)
-    for name, bounds in (("visible", _PROBABILITY), ("sigma_px", _SIGMA)):
+    for name, bounds in (
+        ("visible", _PROBABILITY),
+        ("sigma_px", _SIGMA),
+        ("familiarity", _PROBABILITY),
+    ):
         if (given := getattr(answers, name)) is not None:
             fields[name] = check.values(name, given, (count,), bounds)
     if answers.modes is not None:
