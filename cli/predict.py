@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, Literal
 
@@ -60,13 +62,16 @@ def command(
     from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)
-    matcher = open_method(method, **options)
-    started = time.perf_counter()
-    with progress_bar(matcher.name, "pairs") as bar:
-        prediction = predict(
-            dataset, split, matcher, out, kind, workers=workers, masks=not no_masks, progress=bar
-        )
-    seconds = time.perf_counter() - started
+    # What a method prints is not part of the JSON document.
+    with redirect_stdout(sys.stderr if as_json else sys.stdout):
+        matcher = open_method(method, **options)
+        started = time.perf_counter()
+        with progress_bar(matcher.name, "pairs") as bar:
+            prediction = predict(
+                dataset, split, matcher, out, kind,
+                workers=workers, masks=not no_masks, progress=bar,
+            )  # fmt: skip
+        seconds = time.perf_counter() - started
     ran = f"{prediction.method.get('implementation', '')} {prediction.method.get('version', '')}"
     text = (
         f"{out}: {prediction.rows} {kind} for {prediction.pairs} pairs of {dataset.id}/{split} by "

@@ -58,6 +58,18 @@ def test_class_of_a_file_with_options(
     }  # fmt: skip
 
 
+def test_a_method_that_prints_does_not_print_into_the_document(
+    tmp_path: Path, cards: Dataset, called: Called
+) -> None:
+    method = tmp_path / f"talking_{tmp_path.name}.py"
+    method.write_text("def same(source, target, uv):\n    print('looking')\n    return uv\n")
+    predict = ("predict", f"{method}:same", "--data", cards.root, "--out", tmp_path / "a.parquet")
+    _, said, complaint = called(*predict, "--json")
+    assert json.loads(said)["rows"] == 60
+    assert complaint.count("looking") == 3
+    assert called(*predict)[1].startswith("looking\n")
+
+
 @pytest.mark.parametrize(
     ("name", "options", "by"),
     [
