@@ -8,18 +8,19 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pliant.baselines import METHODS
 from pliant.baselines.conditions import Masks
 from pliant.baselines.fused_tracker import PREFIX as FUSED
-from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
 from pliant.models.timecycle import CARRIED
 from pliant.spec.configuration import Settings, merged, read_mapping, settings_from, with_overrides
-from pliant.spec.constraints import Count, Name, Version, did_you_mean
+from pliant.spec.constraints import Count, Name, NotEmpty, Version, did_you_mean
 from pliant.spec.errors import CallError
+from pliant.spec.extras import is_installed
 from pliant.spec.io.yamlfiles import parse_yaml
 
 RECIPES: Final = files("pliant.models") / "configs"
@@ -107,7 +108,7 @@ class Test(Settings):
     methods: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
     shipped: tuple[str, ...] = ()
-    protocols: tuple[str, ...] = ("standard", "matches")
+    protocols: Annotated[tuple[str, ...], NotEmpty()] = ("standard", "matches")
     tracks: tuple[Masks, ...] = ("none", "segmenter", "given")
     figures: tuple[str, ...] = ()
     paper_rmse_px: Mapping[str, float] = dict()
@@ -120,6 +121,11 @@ class Test(Settings):
     def answering(self) -> tuple[str, ...]:
         """Everything that answers, in the table's order."""
         return (*self.methods, *self.runs, *self.shipped)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The metrics of the first protocol."""
+        return tuple(read_protocol(self.protocols[0]).figures)
 
     @property
     def entries(self) -> list[Entry]:
@@ -307,6 +313,17 @@ def model_of(method: str) -> str:
     return method.removeprefix(FUSED).removeprefix(CARRIED)
 
 
+def settings_class(trainer: str) -> type[Settings]:
+    """Return the class of a trainer's settings; it imports torch."""
+    if trainer == "timecycle":
+        from pliant.models.timecycle.settings import TimeCycleSettings
+
+        return TimeCycleSettings
+    from pliant.models.don.settings import DonSettings
+
+    return DonSettings
+
+
 def digest(*parts: Any) -> str:
     """Return a SHA-256 of JSON values, the same for the same values."""
     text = json.dumps(parts, sort_keys=True, default=str)
@@ -344,6 +361,9 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
 
     for key, run in config.runs.items():
         known(run.set, config.sets, f"runs.{key}.set")
+        if is_installed("torch"):  # sets can be made without
+            where = f"runs.{key}.settings"
+            settings_from(settings_class(run.trainer), run.settings, where, path=path)
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
             known(name, config.sets, f"tests.{key}.variants.{variant}")
@@ -356,9 +376,10 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
             known(name, METHODS, f"tests.{key}.methods")
         for name in test.shipped:
             known(model_of(name), shipped_names(), f"tests.{key}.shipped")
-        shown = [name for each in test.protocols[:1] for name in read_protocol(each).figures]
+        for name in test.protocols:
+            known(name, PROTOCOL_NAMES, f"tests.{key}.protocols")
         for name in test.figures:
-            known(name, shown, f"tests.{key}.figures")
+            known(name, test.shown, f"tests.{key}.figures")
         for name in test.paper_rmse_px:
             known(name, (*METHODS, *test.shipped, *PAPER_LOSSES), f"tests.{key}.paper_rmse_px")
     for index, each in enumerate(config.comparisons):
@@ -368,3 +389,4 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         answers = [name for test in asked for name in test.answering]
         known(each.method, answers, f"{where}.method")
         known(each.against, answers, f"{where}.against")
+        known(each.metric, asked[0].shown, f"{where}.metric")

@@ -22,7 +22,7 @@ from pliant.baselines.fused_tracker import FusedTracker
 from pliant.baselines.matcher import SplitMatcher
 from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import Kind
-from pliant.benchmarks.suite.config import TEST_SPLIT, Entry
+from pliant.benchmarks.suite.config import TEST_SPLIT, Entry, settings_class
 from pliant.benchmarks.suite.work import Cost, Meter
 from pliant.evaluator import evaluate, read_protocol, write_report
 from pliant.spec.configuration import settings_from
@@ -110,20 +110,12 @@ def _train(job: TrainingJob, progress: Progress) -> dict[str, Any]:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
     dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
-
-    settings: Any
     train: Any
     if job.trainer == "timecycle":
-        from pliant.models.timecycle.settings import TimeCycleSettings
-        from pliant.models.timecycle.trainer import train_timecycle
-
-        settings, train = TimeCycleSettings, train_timecycle
+        from pliant.models.timecycle.trainer import train_timecycle as train
     else:
-        from pliant.models.don.settings import DonSettings
-        from pliant.models.don.trainer import train_don
-
-        settings, train = DonSettings, train_don
-    chosen = settings_from(settings, values)
+        from pliant.models.don.trainer import train_don as train
+    chosen: Any = settings_from(settings_class(job.trainer), values)
 
     def reporting(step: int, figures: Mapping[str, float]) -> None:
         del figures

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol, get_args
 
 from pliant.baselines.submission_file import Kind, check_split
-from pliant.benchmarks.suite.checksums import Differences, compare_checksums
+from pliant.benchmarks.suite.checksums import Differences, compare_checksums, read_frozen
 from pliant.benchmarks.suite.config import (
     TEST_SPLIT,
     Asked,
@@ -73,6 +73,7 @@ def run_benchmark(
         GenerationError: A sequence could not be made.
         TrainingError: A training or an answer failed; what was finished is kept.
     """
+    read_frozen(config)  # what is wrong with it is said before the work
     work = Workspace(out)
     work.open(config.name, config.version, resume=resume)
     _generate(config, work, workers, watcher)

@@ -96,6 +96,8 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
         assert sha256_file(table) == frozen["sets"][variant]["tables"][sequence.id]
 
 
+RUN = {"label": "A", "set": "rope"}
+COMPARISON = {"question": "Q", "set": "rope", "method": "sift", "against": "identity"}
 TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
 
 
@@ -116,6 +118,17 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"runs": {"a/b": {"label": "A", "set": "rope"}}}, "runs.a/b.*1 to 128 of"),
         ({"tests": {"t": {**TEST, "variants": {"a": "b"}}}}, "unknown name"),
         ({"tests": {"t": {**TEST, "figures": ["rms"]}}}, "unknown name"),
+        ({"tests": {"t": {**TEST, "protocols": ["paper", "tapvit"]}}}, "t.protocols: .*'tapvid'"),
+        ({"tests": {"t": {**TEST, "protocols": []}}}, "t.protocols: .*required: not empty"),
+        ({"runs": {"a": {**RUN, "settings": {"stepz": 3}}}}, "a.settings.stepz: .*'steps'"),
+        ({"runs": {"a": {**RUN, "settings": {"seed": "x"}}}}, "a.settings.seed: .*wrong type"),
+        (
+            {
+                "tests": {"t": {**TEST, "methods": ["sift", "identity"]}},
+                "comparisons": [{**COMPARISON, "metric": "rmse"}],
+            },
+            "comparisons.0.metric: unknown name; found rmse",
+        ),
         ({"tests": {"t": {**TEST, "tier": "roope"}}}, "t.tier: .*roope.*Did you mean 'rope'"),
         (
             {"sets": {"rope": {"tiers": ["rope"], "splits": {"val": 3}}}, "tests": {"t": TEST}},

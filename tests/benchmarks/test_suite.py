@@ -285,6 +285,17 @@ def test_a_set_without_queries_ends_the_benchmark(config_file: Path, tmp_path: P
         run_benchmark(config, tmp_path / "out", workers=1, watcher=Recorder())
 
 
+def test_wrong_checksums_end_the_benchmark_before_it_begins(
+    config_file: Path, tmp_path: Path
+) -> None:
+    frozen = tmp_path / "thumb.sha256.json"
+    frozen.write_text('{"name": "thumb", "version": "0.9.0", "sets": {}}')
+    config = read_config(config_file).replace(checksums=frozen)
+    with pytest.raises(CallError, match=r"thumb\.sha256\.json: the checksums belong to another"):
+        run_benchmark(config, tmp_path / "out", workers=1, watcher=Recorder())
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_failed_training_is_told_and_the_rest_is_kept(
     config_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
