@@ -92,7 +92,9 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
         )
     matcher = DonMatcher(network, settings, calibration, facts)
     if (path := run / FAMILIARITY).is_file():
-        matcher.familiarity = Familiarity.from_document(read_run_json(path), path)
+        familiarity = Familiarity.from_document(read_run_json(path), path)
+        if familiarity.descriptors is not None or settings.answer.decode == "trace":
+            matcher.familiarity = familiarity  # that of traces says nothing of other answers
     reader = matcher.reader
     if settings.answer.crossings:
         reader.crossings = _network_in(run / CROSSINGS, CrossingNetwork)

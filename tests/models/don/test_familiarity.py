@@ -12,6 +12,7 @@ from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import DescribedView
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.strangeness import TRACED, Asked, UsualDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.models.don.validation import draw_validation_pairs
@@ -189,6 +190,14 @@ def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> Non
     assert unusual[None].mean() <= 0.05
     assert unusual[ball_in_mask][gaps_px[ball_in_mask] > 60].mean() >= 0.8
     assert (gaps_px[two_ropes] < 15).mean() >= 0.9  # the picture tells which of the two it is
+
+
+@pytest.mark.parametrize("decode", ["trace", "median"])
+def test_answers_that_are_not_of_traces_do_not_have_the_familiarity_of_traces(decode: str) -> None:
+    """Without traces every query was called stranger than all of the training split."""
+    matcher = load_shipped("don-rope", decode=decode, crossings=decode == "trace")
+    assert isinstance(matcher, DonMatcher)
+    assert (matcher.familiarity is None) == (decode == "median")
 
 
 @pytest.mark.parametrize("kind", ["fitted", "of_ropes"])
