@@ -170,10 +170,12 @@ class _Checks:
         smallest, largest = values.min(), values.max()  # NaN if there is one: nothing compares
         if (smallest > low if strict else smallest >= low) and largest <= high and largest < np.inf:
             return
-        not_finite = ~np.isfinite(values)
         with np.errstate(invalid="ignore"):
-            outside = ~not_finite & ((values <= low if strict else values < low) | (values > high))
-        for code, wrong in (("VALUE_NOT_FINITE", not_finite), ("VALUE_OUT_OF_RANGE", outside)):
+            outside = (values <= low if strict else values < low) | (values > high)
+        # Each has its own sentence, which names the value.
+        kinds = (np.isnan, np.isposinf, np.isneginf)
+        found = [("VALUE_NOT_FINITE", is_kind(values)) for is_kind in kinds]
+        for code, wrong in (*found, ("VALUE_OUT_OF_RANGE", outside & np.isfinite(values))):
             if null is not None:
                 wrong &= ~null
             self.note(

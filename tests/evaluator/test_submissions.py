@@ -88,6 +88,21 @@ def test_the_commands_print_one_line_per_cause(
         assert "[row 3 (pair 0, query 3)]: v is 1000000000.0; required: " in second
 
 
+def test_nan_and_infinities_are_counted_apart(scene: Any, tmp_path: Path) -> None:
+    u = np.ones(scene.rows, np.float32)
+    u[:5] = np.nan, np.inf, np.inf, -np.inf, np.nan
+    table = scene.table().set_column(2, "u", pa.array(u))
+    with pytest.raises(SubmissionError) as caught:
+        evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root)
+    required = "required: a finite position within ±1e6 px"
+    assert [issue.message for issue in caught.value.issues] == [
+        f"u is nan; {required} (2 times)",
+        f"u is inf; {required} (2 times)",
+        f"u is -inf; {required}",
+    ]
+    assert caught.value.issues[1].where == "row 1 (pair 0, query 1); row 2 (pair 0, query 2)"
+
+
 def test_notes_on_optional_columns_are_one_line(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
