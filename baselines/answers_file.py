@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +28,7 @@ from pliant.spec.arrays import BoolArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.parquet import write_table
+from pliant.spec.text import number_in
 
 _KEYS: Final = ("pair_id", "query_id")
 _POSITIONS: Final = ("u", "v", "u_a", "v_a")
@@ -123,7 +124,9 @@ def _read(path: Path) -> tuple[pa.Table, int]:
         if suffix in _SEPARATORS:
             return _read_separated(path, _SEPARATORS[suffix]), 2
         if suffix in _JSON_LINES:
-            return pa.Table.from_pylist(list(_json_rows(path))), 1
+            rows = list(_json_rows(path))
+            names = dict.fromkeys(chain.from_iterable(rows))  # those of the first row, and others
+            return pa.Table.from_pylist(rows, pa.schema([(n, pa.string()) for n in names])), 1
     except (pa.ArrowException, OSError, UnicodeError) as error:
         raise CallError(
             "the file cannot be read",
@@ -244,9 +247,10 @@ def _number(path: Path, column: pa.ChunkedArray, name: str, first: int) -> npt.N
 
 
 def _float(value: Any, words: dict[str, bool]) -> float:
+    text = str(value)
     try:
-        return float(words.get(value, value))
-    except (TypeError, ValueError):
+        return float(words[text]) if text in words else number_in(text)
+    except ValueError:
         return float("nan")
 
 

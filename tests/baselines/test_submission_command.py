@@ -184,6 +184,12 @@ def test_a_wrong_table_names_row_and_column(
         ("a.jsonl", b'{"u": 1, "v": "x"}\n', "line 1, column v: .*found 'x'"),
         ("a.jsonl", b'\n \t\n{"u": 1, "v": "x"}\n', "line 3, column v: .*found 'x'"),
         ("a.jsonl", b'{"u": 1, "v": null}\n', "line 1, column v: .*found None"),
+        (
+            "a.jsonl",
+            b'{"u": 1, "v": 2}\n{"u": 1, "v": 2, "visible": 0}\n',
+            "line 1, column visible: .*found None",
+        ),
+        ("a.csv", b"u,v\n1.5,2.5\n1_0,2.5\n", "line 3, column u: .*found '1_0'"),
         ("a.jsonl", b"[" * 100_000, "line 1: this is not JSON lines"),
         ("a.parquet", b"PAR1", "cannot be read"),
         ("a.xlsx", b"PK", "found .xlsx; required: a .csv, .tsv, .jsonl or .parquet file"),
