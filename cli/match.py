@@ -89,6 +89,9 @@ def command(
     background of one colour gives one; on others don-rope and don-cloth find the object, and other
     methods search the whole target. A rope's ball is separated from a mask that contains it. The
     heat map is drawn for a single point.
+
+    Pictures are JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, TGA, BMP, GIF or of another format of
+    Pillow.
     """
     from pliant.spec.errors import CallError
     from pliant.viewer.match_figure import check_figure_path, draw_match

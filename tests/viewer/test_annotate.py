@@ -130,6 +130,13 @@ def test_heic_files_next_to_pictures_are_named(
     assert "1 picture left out: not readable\n" in said
 
 
+def test_pictures_of_rarer_formats_are_shown(folder: Path) -> None:
+    for name in ("four.TGA", "five.jp2"):
+        Image.new("RGB", (20, 10)).save(folder / name)
+    names = [picture.name for picture in Annotation(folder).pictures]
+    assert sorted(names) == sorted(["five.jp2", "four.TGA", *SIZES])
+
+
 def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
     (folder / "annotations.csv").write_text("picture,point\n")
     with pytest.raises(SpecError, match="the header lacks columns"):
