@@ -63,5 +63,5 @@ def earlier_marks(folder: Path) -> Marks:
     path = folder / ANNOTATIONS_CSV
     if path.exists():
         for (picture, point), mark in collect_marks(path).marks.items():
-            marks.setdefault(picture.name, {})[point] = mark
+            marks.setdefault(picture.relative_to(folder).as_posix(), {})[point] = mark
     return marks

@@ -39,7 +39,8 @@ class Annotation:
         left_out: Sentences on HEIC files and on pictures that cannot be read.
 
     Raises:
-        CallError: It is not a folder, cannot be written to, or has fewer than two pictures.
+        CallError: It is not a folder, cannot be written to, or has fewer than two pictures; or
+            there are marks of another picture, which the next change would delete.
     """
 
     def __init__(
@@ -75,6 +76,14 @@ class Annotation:
                 )
         self.path = folder / ANNOTATIONS_CSV
         self.marks: Marks = marks or {}
+        for name in sorted(self.marks.keys() - {picture.name for picture in self.pictures}):
+            raise CallError(
+                "there are marks of a picture that the page does not show",
+                path=self.path,
+                found=repr(name)[:80],
+                required="readable pictures in the folder itself, of " + ", ".join(SUFFIXES),
+                fix="Repair, convert or move the picture, or delete its rows.",
+            )
         self.points = list(dict.fromkeys(chain(points, *self.marks.values())))
         self.revision = 0
         self._lock = threading.Lock()

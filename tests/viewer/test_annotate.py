@@ -137,6 +137,18 @@ def test_pictures_of_rarer_formats_are_shown(folder: Path) -> None:
     assert sorted(names) == sorted(["five.jp2", "four.TGA", *SIZES])
 
 
+@pytest.mark.parametrize("name", ["left/one.jpg", "four.ppm", "five.png"])
+def test_marks_of_pictures_that_are_not_shown_are_kept(name: str, folder: Path) -> None:
+    """Pictures in another folder, of another format, or not readable."""
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).write_bytes(b"" if name == "five.png" else (folder / "one.jpg").read_bytes())
+    rows = f"picture,point,x,y,visible\none.jpg,ball,1,2,1\n{name},ball,3,4,1\n"
+    (folder / "annotations.csv").write_text(rows)
+    with pytest.raises(CallError, match=f"that the page does not show; found '{name}'"):
+        Annotation(folder, (), earlier_marks(folder))
+    assert (folder / "annotations.csv").read_text() == rows
+
+
 def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
     (folder / "annotations.csv").write_text("picture,point\n")
     with pytest.raises(SpecError, match="the header lacks columns"):
