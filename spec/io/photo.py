@@ -27,11 +27,12 @@ BLACK: Final = 10
 
 _FLOATING: Final = "F"
 _INTEGER: Final = "I"
-_GREY: Final = "L"
 _LABELS: Final = 64
 """A lossless grey picture without a brighter value is an image of labels, not a drawing."""
 
-_LOSSY: Final = ("JPEG", "WEBP")  # Pillow's formats whose values are not those that were stored
+_LOSSY: Final = ("JPEG", "WEBP", "JPEG2000", "AVIF")
+"""Pillow's formats whose values may not be those that were stored."""
+
 _WHITE: Final = 1 / 3
 """Least share of a lossy mask that is white, if it is drawn in black and white.
 
@@ -136,7 +137,6 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     try:
         with _opened(path) as opened:
             numbers, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
-            grey = opened.mode == _GREY
             ImageOps.exif_transpose(opened, in_place=True)
             _check_size("mask", path, opened.size, size)
             labels = np.asarray(opened)
@@ -147,9 +147,12 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     mask = values > BLACK
     if lossy and np.count_nonzero(values > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
         mask = values > 127
-    dark = not mask.any() or (grey and labels.max() <= _LABELS)
-    if dark and not lossy and labels.ndim == 2:  # labels may be as small as 1
-        values, mask = labels, labels != 0
+    if not lossy and labels.ndim == 2:
+        # A palette of greys is a grey picture too; labels may be as small as 1.
+        grey = labels.max() <= _LABELS and np.array_equal(values, labels)
+        if grey or not mask.any():
+            values = np.nan_to_num(labels)  # NaN is outside
+            mask = values != 0
     if not mask.any() or (mask.all() and (values != values[0, 0]).any()):
         raise PliantError(
             f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",

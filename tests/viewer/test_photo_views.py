@@ -99,11 +99,36 @@ def test_every_label_of_a_dark_image_counts(highest: int, tmp_path: Path) -> Non
     assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [[2, 3]]
 
 
+def test_every_label_of_a_grey_palette_counts(tmp_path: Path) -> None:
+    """As Pillow writes labels of mode `P`; in a palette of colours, black is outside."""
+    labels = np.zeros((6, 9), np.uint8)
+    labels[2, 1:3] = 1, 30
+    for palette, found in (("grey", [[2, 1], [2, 2]]), ("colours", [[2, 2]])):
+        drawn = Image.fromarray(labels)
+        third = 1 if palette == "grey" else 3
+        drawn.putpalette([i for k in range(256) for i in (k, k, min(third * k, 255))])
+        drawn.save(tmp_path / "mask.png")
+        assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == found
+
+
+def test_nan_is_not_on_the_object(tmp_path: Path) -> None:
+    values = np.full((6, 9), np.nan, np.float32)
+    values[1:, :] = 0
+    values[2:4, 3] = 0.5
+    Image.fromarray(values).save(tmp_path / "mask.tif")
+    np.testing.assert_array_equal(read_mask(tmp_path / "mask.tif", (9, 6)), values > 0)
+
+
 def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
     rows, columns = np.mgrid[:60, :90]
     strand = np.abs(rows - 30 - 12 * np.sin(columns / 9)) < 3
-    for name, quality in (("mask.jpg", 40), ("mask.webp", 40)):
-        Image.fromarray(strand).convert("L").save(tmp_path / name, quality=quality)
+    options: dict[str, dict[str, Any]] = {
+        "mask.jpg": {"quality": 40},
+        "mask.webp": {"quality": 40},
+        "mask.jp2": {"irreversible": True, "quality_layers": [6]},
+    }
+    for name, each in options.items():
+        Image.fromarray(strand).convert("L").save(tmp_path / name, **each)
         assert np.count_nonzero(read_mask(tmp_path / name, (90, 60)) != strand) <= 2
     shaded = np.where(strand, 40 + columns, 0).astype(np.uint8)  # a picture on black: no mask
     Image.fromarray(shaded).save(tmp_path / "shaded.jpg", quality=95)
