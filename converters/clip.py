@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.answers import MAX_POSITION_PX
 from pliant.spec.arrays import FloatArray, ImageArray, Mask
 from pliant.spec.io.resizing import resize_rgb
 
@@ -23,7 +24,7 @@ class Clip:
         frames: How many frames there are.
         read: Returns a frame, uint8 (H, W, 3), sRGB.
         uv_px: float64 (N, T, 2), positions from the image's corner (the first pixel's centre is
-            at (0.5, 0.5)); NaN where the position is not known.
+            at (0.5, 0.5)); NaN where the position is not known, or farther than any answer may be.
         visible: bool (N, T), where the point is seen, its position known and in the image.
         temporal: True for frames in time, False for independent configurations.
         pairs: The (source, target) frames that its source lists, None for no list.
@@ -46,6 +47,8 @@ class Clip:
     read_depth: Callable[[int], npt.NDArray[np.float32]] | None = None
 
     def __post_init__(self) -> None:
+        far = (np.abs(self.uv_px) > MAX_POSITION_PX).any(axis=2)  # trackers write any number there
+        object.__setattr__(self, "uv_px", np.where(far[..., None], np.nan, self.uv_px))
         # A position that was rounded up to the border, or is beyond it, is not seen.
         object.__setattr__(self, "visible", self.visible & self.within())
 

@@ -82,6 +82,15 @@ def test_pictures_of_three_sizes_share_a_canvas(photos: Path, tmp_path: Path) ->
     assert config["pictures"][1] == {"name": "b.tif", "size": [20, 30], "placed": [20, 30]}
 
 
+def test_a_position_beyond_all_answers_is_not_known(photos: Path, tmp_path: Path) -> None:
+    """As float32 it would be infinite."""
+    far = CSV.replace("b.tif,ball,10,30,0", "b.tif,ball,-1e300,30,0")
+    (photos / "annotations.csv").write_text(far)
+    imported(photos, tmp_path / "out")
+    known = {row for row in ASKED if (row[3], *row[4:]) != (1, 10.0, 30.0)}
+    assert {row[:-1] for row in asked(tmp_path / "out")} == known
+
+
 def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
     """By hand at 20 x 15: factors 1/2; 1/2 (20 x 30 becomes 10 x 15); 1/4 (80 x 20 is 20 x 5)."""
     dataset = imported(photos, tmp_path / "out", "--size", "20x15")
