@@ -125,18 +125,19 @@ class Collector:
             )
         uv_px = np.full((len(points), len(pictures), 2), np.nan)
         visible = np.zeros(uv_px.shape[:2], np.bool_)
+        sizes = {picture: photo_size(picture) for picture in pictures}
         frame = {picture: index for index, picture in enumerate(pictures)}
         row = {point: index for index, point in enumerate(points)}
         for (picture, point), mark in kept.items():
-            self._check_inside(picture, point, mark)
+            self._check_inside(picture, sizes[picture], point, mark)
             uv_px[row[point], frame[picture]] = mark.u_px, mark.v_px
             visible[row[point], frame[picture]] = mark.visible
         return Annotations(self.path, pictures, points, uv_px, visible, suggested=suggested)
 
-    def _check_inside(self, picture: Path, point: str, mark: Mark) -> None:
+    def _check_inside(self, picture: Path, size: tuple[int, int], point: str, mark: Mark) -> None:
         """Refuse a visible mark outside its picture: the usual sign of an EXIF rotation."""
         u, v, visible = mark.u_px, mark.v_px, mark.visible
-        width, height = photo_size(picture)
+        width, height = size
         if visible and not (-_SLACK_PX <= u <= width and -_SLACK_PX <= v <= height):
             raise SpecError(
                 "a visible point is outside its picture",

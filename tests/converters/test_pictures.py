@@ -12,8 +12,10 @@ import pytest
 from PIL import Image
 
 from pliant.cli.main import run
+from pliant.converters.marks_csv import collect_marks
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
+from pliant.spec.io.photo import photo_size
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, asked_and_true, imported, marked
 from tests.known import known
@@ -89,6 +91,20 @@ def test_a_position_beyond_all_answers_is_not_known(photos: Path, tmp_path: Path
     imported(photos, tmp_path / "out")
     known = {row for row in ASKED if (row[3], *row[4:]) != (1, 10.0, 30.0)}
     assert {row[:-1] for row in asked(tmp_path / "out")} == known
+
+
+def test_a_picture_is_opened_for_its_size_once_and_not_for_each_mark(
+    photos: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+
+    def opened_size(path: Path) -> tuple[int, int]:
+        opened.append(path.name)
+        return photo_size(path)
+
+    monkeypatch.setattr("pliant.converters.annotations.photo_size", opened_size)
+    collect_marks(photos / "annotations.csv").annotations()
+    assert sorted(opened) == sorted(SIZES)
 
 
 def test_size_scales_marks_exactly(photos: Path, tmp_path: Path) -> None:
