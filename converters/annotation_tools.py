@@ -89,6 +89,7 @@ def read_coco(path: Path) -> Annotations:
     document = _parsed(_Coco, read_json(path), path)
     marks = Collector(path)
     pictures: dict[_Id, Path] = {}
+    described: dict[Path, str] = {}
     for index, image in enumerate(document.images):
         where = f"images[{index}]"
         # Many tools write annotations/FILE.json next to images/.
@@ -102,7 +103,16 @@ def read_coco(path: Path) -> Annotations:
                 found=f"{image.id!r:.60}, of {pictures[image.id].name} and {picture.name}",
                 required="another id for each picture",
             )
-        pictures[image.id] = picture
+        if picture in described:
+            raise SpecError(
+                "two images are one picture",
+                path=path,
+                where=f"{where}.file_name",
+                found=f"{image.file_name!r:.60}, read as {picture} like {described[picture]}",
+                required="a picture for each image",
+                fix="Put the pictures into the folders that file_name says.",
+            )
+        pictures[image.id], described[picture] = picture, where
         marks.add_picture(picture)
         _check_size(picture, image.width, image.height, path, where)
     labelled = {k: each for k, each in enumerate(document.annotations) if each.keypoints}
