@@ -69,8 +69,8 @@ def is_coco(document: Any) -> bool:
 
 
 def is_labelme(document: Any) -> bool:
-    """Return whether a JSON document is a LabelMe file."""
-    return isinstance(document, dict) and {"shapes", "imagePath"} <= set(document)
+    """Return whether a JSON document is a LabelMe file, perhaps one that lacks a field."""
+    return isinstance(document, dict) and not {"shapes", "imagePath"}.isdisjoint(document)
 
 
 def read_coco(path: Path) -> Annotations:

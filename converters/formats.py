@@ -109,9 +109,11 @@ def _annotations(path: Path) -> tuple[str, Annotations]:
 
 def _tool(path: Path, files: Sequence[Path]) -> tuple[str, Annotations]:
     """Return what JSON files of an annotation tool say."""
-    documents = {file: read_json(file) for file in files}
-    coco = [file for file, document in documents.items() if is_coco(document)]
-    labelme = [file for file, document in documents.items() if is_labelme(document)]
+    coco, labelme = [], []
+    for file in files:  # one at a time: LabelMe puts pictures into its files
+        document = read_json(file)
+        coco += [file] if is_coco(document) else []
+        labelme += [file] if is_labelme(document) else []
     if len(coco) > 1:
         raise SpecError(
             "there are several COCO files",

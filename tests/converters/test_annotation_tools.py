@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
+from pliant.converters import read_source
 from tests.conformance.edits import change_document
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, imported
@@ -78,12 +81,14 @@ def labelme(folder: Path) -> None:
         (8, {"imagePath": "a b.JPG"}, "8.json, imagePath: two files describe one picture"),
         (8, {"shapes.0.points": [[2.0, 8.0, 1.0]]}, "[0].points: a point is not one position"),
         (8, {"shapes.0.label": ""}, "8.json, shapes[0]: the point has no name"),
+        (8, "imagePath", "8.json, imagePath: a field is missing or of another type"),
+        (8, "shapes", "8.json, shapes: a field is missing or of another type"),
         (None, {}, "the files have no points; found shapes of type polygon"),
     ],
 )
 def test_broken_labelme_files_are_named(
     number: int | None,
-    changes: dict[str, Any],
+    changes: dict[str, Any] | str,
     said: str,
     tmp_path: Path,
     rejected: Rejected,
@@ -95,7 +100,8 @@ def test_broken_labelme_files_are_named(
         if number is None:
             document["shapes"] = document["shapes"][-1:]  # the polygon
         elif file.stem == str(number):
-            change_document(document, set=changes)
+            edit = {"delete": [changes]} if isinstance(changes, str) else {"set": changes}
+            change_document(document, **edit)
         file.write_text(json.dumps(document))
     assert said in rejected(folder)
 
@@ -105,3 +111,19 @@ def test_labelme_files(tmp_path: Path) -> None:
     labelme(folder)
     imported(folder, tmp_path / "out")
     assert asked(tmp_path / "out") == COCO_ROWS
+
+
+def test_pictures_inside_labelme_files_are_not_kept(tmp_path: Path) -> None:
+    """LabelMe stores a picture in its file: those of a hundred photographs are a gigabyte."""
+    for number in range(12):
+        Image.new("RGB", (40, 30)).save(tmp_path / f"{number}.png")
+        shape = {"label": "ball", "shape_type": "point", "points": [[4.5, 6]]}
+        data = "A" * 2**20
+        document = {"imagePath": f"{number}.png", "imageData": data, "shapes": [shape]}
+        (tmp_path / f"{number}.json").write_text(json.dumps(document))
+    tracemalloc.start()
+    try:
+        read_source(tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 8 * 2**20
+    finally:
+        tracemalloc.stop()
