@@ -143,8 +143,16 @@ def _clip(path: Path, record_of: RecordOf) -> Clip:
             required="0 (visible) or 1 (occluded)",
         )
     visible = hidden == 0
-    if not np.isfinite(points[visible]).all():
-        raise SpecError("a visible point has no position", path=path, where="points")
+    nowhere = np.argwhere(visible & ~np.isfinite(points).all(axis=2))
+    if len(nowhere):
+        point, frame = nowhere[0].tolist()
+        raise SpecError(
+            "a visible point has no position",
+            path=path,
+            where=f"points[{point}, {frame}]",
+            found=points[point, frame].round(6).tolist(),
+            required="two numbers, or occluded",
+        )
     shares = (np.abs(points[visible]) <= 2).all()
     uv_px = points * np.array([width, height]) if shares else points
     return Clip(

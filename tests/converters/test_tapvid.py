@@ -163,7 +163,10 @@ BROKEN_TRACKS: dict[str, tuple[dict[str, Any], str]] = {
     "one number": ({"video": np.uint8(3)}, "do not belong together"),
     "floats": ({"video": tracks()["video"].astype(float)}, "a frame is not a colour image"),
     "no picture": ({"video": np.array([b"no picture"] * 3)}, "a frame cannot be read"),
-    "nowhere": ({"points": tracks()["points"] * np.nan}, "a visible point has no position"),
+    "nowhere": (
+        {"points": tracks()["points"] * [[[1, 1]] * 3, [[1, 1], [1, np.nan], [1, 1]]]},
+        "points[1, 1]: a visible point has no position; found [0.1, nan]",
+    ),
     "sizes": (
         {"video": np.array([jpeg(tracks()["video"][0][:, :width]) for width in (40, 40, 38)])},
         "frame 2: the frames of a clip",
