@@ -89,7 +89,7 @@ class Reframed:
         turn = np.array([[cosine, -sine], [sine, cosine]])
         there = places @ turn.T
         low, high = there.min(axis=0), there.max(axis=0)
-        scale = min(1.0, most / float(((high - low) / size).max()))
+        scale = most / max(most, float(((high - low) / size).max()))  # one pixel has no extent
         matrix = np.eye(3)
         matrix[:2, :2] = scale * turn
         matrix[:2, 2] = size / 2 - scale * (low + high) / 2

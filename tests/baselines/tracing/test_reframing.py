@@ -54,6 +54,13 @@ def test_answers_come_back_smaller() -> None:
     np.testing.assert_allclose(back.modes[0][0, :3], [*there[0], back.sigma_px[0]], rtol=1e-4)
 
 
+def test_an_object_of_one_pixel_is_turned_into_the_middle() -> None:
+    view = block(30, 60, 1, 1)
+    assert view.mask is not None
+    seen = Reframed.unchanged(view).turned_by(np.pi / 2, view.mask, 0.8)
+    np.testing.assert_allclose(seen.forward(np.array([[30.5, 60.5]])), [[100, 80]], atol=1e-4)
+
+
 def test_other_views_stay_as_they_are() -> None:
     large, small = block(30, 20, 60, 110), block(30, 60, 20, 24)
     for view, shown in ((large, large.mask), (small, None), (small, np.zeros((4, 5), np.bool_))):
