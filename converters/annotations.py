@@ -226,6 +226,10 @@ def read_rows(
     rows: list[tuple[str, dict[str, str]]] = []
     try:
         found = [name.strip() for name in lines.fieldnames or []]
+        if twice := next((name for name in wanted if found.count(name) > 1), None):
+            raise SpecError(
+                "the header has a column twice", path=path, where="line 1", found=repr(twice)
+            )
         if not set(columns) <= set(found):
             raise SpecError(
                 "the header lacks columns",
