@@ -69,6 +69,13 @@ def read_source(
                 "lists of pairs, masks and depth are for annotated pictures, not for tracks",
                 path=given,
             )
+        if options.pixels == "index":
+            raise CallError(
+                "tracks have positions, not indices of pixels",
+                where="--pixels",
+                found="index",
+                fix="If points are columns and rows, add 0.5 to them in the file.",
+            )
         facts = {"source": path.name, "format": "tap-vid"}
         return Source(read_tapvid(tracks, progress), "cloth", "first", facts)
     name, annotations = _annotations(path)

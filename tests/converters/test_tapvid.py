@@ -143,6 +143,11 @@ def test_clips_of_two_sizes_need_one(tmp_path: Path, rejected: Rejected) -> None
     np.testing.assert_array_equal(large, small.repeat(2, axis=0).repeat(2, axis=1))
 
 
+def test_indices_of_pixels_are_not_taken_for_positions(tmp_path: Path, rejected: Rejected) -> None:
+    said = rejected(saved(tmp_path / "clips"), "--pixels", "index", code=2)
+    assert "--pixels: tracks have positions, not indices of pixels" in said
+
+
 def test_imported_set_is_answered_and_scored(tmp_path: Path) -> None:
     """By hand: staying where it was errs by 10 px on point 0 and by (3.5, 26.5) on point 1."""
     out, answers = tmp_path / "out", tmp_path / "identity.parquet"
