@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import json
+import re
 import textwrap
 from collections.abc import Mapping
 from importlib import resources
@@ -27,7 +28,8 @@ def render_page(template: str, *, package: str = REPORT_PACKAGE, **values: Any) 
 
     Args:
         template: File name in the package's `templates`. In `.html.j2` templates every value is
-            escaped unless marked safe; `.md.j2` templates are Markdown.
+            escaped unless marked safe; `.md.j2` templates are Markdown, where the filter `plain`
+            escapes a free text.
         package: The package that owns the template.
         **values: What the template shows.
 
@@ -53,6 +55,7 @@ def environment(package: str) -> jinja2.Environment:
     made.filters["data_uri"] = data_uri
     made.globals["chart_scripts"] = _chart_scripts
     made.filters["fill"] = _fill
+    made.filters["plain"] = _plain
     made.filters["fact_text"] = fact_text
     return made
 
@@ -81,6 +84,11 @@ def fact_text(value: Any) -> Any:
             for key, each in value.items()
         )
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _plain(text: str) -> str:
+    """Return text with the special characters of Markdown escaped."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+!|~&])", r"\\\1", " ".join(text.split()))
 
 
 def _fill(text: str) -> str:

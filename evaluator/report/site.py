@@ -109,10 +109,4 @@ def _readme(reports: Sequence[Scores], links: Sequence[str], title: str | None) 
         title=shown,
         d=document,
         names=list(zip((scores.method for scores in reports), links, strict=True)),
-        plain=_plain,
     )
-
-
-def _plain(text: str) -> str:
-    """Return text with the special characters of Markdown escaped."""
-    return re.sub(r"([\\`*_{}\[\]()<>#+!|])", r"\\\1", " ".join(text.split()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import os
 import re
@@ -14,11 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from markdown_it import MarkdownIt
 from PIL import Image
 
 from pliant.cli.main import run
 from pliant.evaluator.report.pages import environment
 from pliant.publishing import PublishSettings, publish
+from pliant.publishing.card import write_card
 from pliant.publishing.papers import citation, zenodo
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -243,6 +246,19 @@ def test_the_papers(halves: Any) -> None:
         assert f"pictures/{name}" in card
         with Image.open(halves.public / "pictures" / name) as picture:
             assert np.asarray(picture).std() > 20
+
+
+def test_free_texts_of_the_card_are_no_markdown(halves: Any, tmp_path: Path) -> None:
+    root = tmp_path / "copy"
+    shutil.copytree(halves.public, root, ignore=shutil.ignore_patterns("pictures"))
+    info = json.loads((root / "dataset.json").read_text())
+    changed = {"title": "*Ropes* & <b>knots</b>", "description": "# [Ropes](x) ~~1~~"}
+    (root / "dataset.json").write_text(json.dumps(info | changed))
+    write_card(Dataset.open(root), root, authors=["Ada_L_ <img src=x>", "`G`"], url=None)
+    card = (root / "README.md").read_text().split("---\n", 2)[2]
+    page = MarkdownIt("gfm-like", {"linkify": False}).render(card)
+    for text in ("*Ropes* & <b>knots</b>", "# [Ropes](x) ~~1~~", "Ada_L_ <img src=x>, `G`"):
+        assert html.escape(text) in " ".join(page.split())
 
 
 @pytest.mark.parametrize(
