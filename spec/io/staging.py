@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from pliant.spec.errors import CallError
-from pliant.spec.io.writing import abandoned, synced
+from pliant.spec.io.writing import abandoned, other_place, synced
 
 _HERE: Final = -100
 _EXCHANGE: Final = 2
@@ -62,7 +62,7 @@ def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
             "the folder cannot be written",
             path=folder,
             found=error.strerror or str(error),
-            fix="Free some space or name another place; an earlier folder there is unchanged.",
+            fix=f"{other_place(error)}; an earlier folder there is unchanged.",
         ) from error
     finally:
         if earlier.exists() and not folder.exists():

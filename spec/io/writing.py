@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import os
 import shlex
@@ -107,5 +108,11 @@ def cannot_write(path: Path | str, error: OSError) -> CallError:
         "the file cannot be written",
         path=path,
         found=error.strerror or " ".join(str(error).split())[:200],
-        fix="Free some space or name another place; an earlier file there is unchanged.",
+        fix=f"{other_place(error)}; an earlier file there is unchanged.",
     )
+
+
+def other_place(error: OSError) -> str:
+    """Return what to do where nothing can be written; only a full disk asks for space."""
+    full = error.errno in (None, errno.ENOSPC, errno.EDQUOT)
+    return "Free some space or name another place" if full else "Name another place"

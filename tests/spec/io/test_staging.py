@@ -102,7 +102,7 @@ def test_a_read_only_folder_is_not_replaced(tmp_path: Path) -> None:
     )
     out.chmod(0o755)
     assert "CallError" in done.stderr
-    assert "found Permission denied" in done.stderr
+    assert "found Permission denied. Name another place" in done.stderr
     assert done.stdout == ""
     assert names(tmp_path) == ["out"]
     assert names(out) == ["first"]
