@@ -87,7 +87,8 @@ def credit(
             created_ms=time_ms,
         )
     )
-    record(session, actor, "credited", f"team {team_id}", phase=phase.name, amount=amount)
+    detail = {"phase": phase.name, "amount": amount, "forgiven": overdrawn}
+    record(session, actor, "credited", f"team {team_id}", **detail)
 
 
 def utc_day(time_ms: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -91,6 +92,9 @@ def test_rules_with_fewer_attempts_leave_none_and_credit_counts_from_there(trial
         assert (found.today, found.total, found.left) == (0, 0, 0)
         credit(session, team, fewer, 2, now, actor="host")
         assert attempts(session, team, fewer, now) == Attempts(2, 3)
+        logged = audit.last_entry(session)
+    assert logged is not None
+    assert json.loads(logged.detail) == {"amount": 2, "forgiven": 3, "phase": "test"}
 
 
 def test_files_in_the_queue_hold_attempts(trial: Trial) -> None:
