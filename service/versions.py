@@ -14,7 +14,7 @@ from pliant.evaluator import PROTOCOL_NAMES
 from pliant.evaluator.protocols.protocol import Protocol, parse_protocol
 from pliant.evaluator.submission.queries import read_queries
 from pliant.service.audit import HOST, log_time, record
-from pliant.service.challenge import Challenge
+from pliant.service.challenge import CHALLENGE_YAML, Challenge
 from pliant.service.models import Job, Score, State, Submission, Version
 from pliant.service.settings import Phase
 from pliant.spec.dataset import Dataset
@@ -25,22 +25,39 @@ from pliant.spec.storage import layout
 RESCORE_PRIORITY = 1
 
 
-def protocol_text(name: str) -> bytes:
+def protocol_text(name: str, path: Path | None = None, where: str | None = None) -> bytes:
     """Return the text of a protocol.
 
     Args:
         name: One of `PROTOCOL_NAMES`, or the path of a protocol's JSON file.
+        path: The rules that name it, for messages, or None.
+        where: The place in them.
 
     Raises:
         CallError: There is no such protocol.
     """
     if name in PROTOCOL_NAMES:
         return (files("pliant.evaluator") / "protocols" / f"{name}.json").read_bytes()
-    path = Path(name)
-    if not path.is_file():
+    file = Path(name)
+    if not file.is_file():
         required = f"{', '.join(PROTOCOL_NAMES)}, or a file"
-        raise CallError("no such protocol", found=repr(name)[:100], required=required)
-    return path.read_bytes()
+        found = repr(name)[:100]
+        raise CallError("no such protocol", path=path, where=where, found=found, required=required)
+    return file.read_bytes()
+
+
+def texts_of_protocols(phase: Phase, path: Path | None) -> list[bytes]:
+    """Return the texts of a phase's protocols.
+
+    Args:
+        phase: The phase.
+        path: The rules that name it, for messages, or None.
+
+    Raises:
+        CallError: There is no such protocol.
+    """
+    where = f"phase {phase.name}, protocols"
+    return [protocol_text(name, path, where) for name in phase.protocols]
 
 
 def add_version(
@@ -154,8 +171,7 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
                 fix="Give another split a phase of its own; correct answers with: "
                 "pliant challenge rescore",
             )
-        for name in phase.protocols:
-            text = protocol_text(name)
+        for text in texts_of_protocols(phase, challenge.root / CHALLENGE_YAML):
             if parse_protocol(text).name in {each.protocol for each in known}:
                 continue
             reason = "added to the rules" if known else "initial scoring"

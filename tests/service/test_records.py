@@ -447,7 +447,7 @@ def test_what_create_and_open_refuse(
     config = tmp_path / "c.yaml"
     for protocol, message in (
         ("tapvid-first", r"tapvid-first scores points .*; found no image pair"),
-        ("none", "no such protocol; found 'none'"),
+        ("none", "c.yaml, phase a, protocols: no such protocol; found 'none'"),
     ):
         config.write_text(f"phases: [{{name: a, split: test, protocols: [standard, {protocol}]}}]")
         with pytest.raises(CallError, match=message):
