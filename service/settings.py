@@ -72,6 +72,14 @@ class Phase(Settings):
         return "closed" if self.closes and now >= self.closes else "open"
 
 
+def moment_text(moment: datetime | None) -> str:
+    """Return an opening or closing time for people, with seconds where it has any."""
+    if moment is None:
+        return "–"
+    seconds = ":%S" if moment.second or moment.microsecond else ""
+    return moment.strftime(f"%Y-%m-%d %H:%M{seconds} %Z")
+
+
 class Scoring(Settings):
     """What the process that scores a submission may use.
 

@@ -12,7 +12,7 @@ from pliant.service.audit import log_time, record
 from pliant.service.challenge import Challenge
 from pliant.service.ledger import attempts, charge
 from pliant.service.models import FINAL, Job, State, Submission
-from pliant.service.settings import ChallengeSettings, Phase
+from pliant.service.settings import ChallengeSettings, Phase, moment_text
 from pliant.service.teams import Identity
 from pliant.service.versions import new_job, newest_versions
 from pliant.spec.errors import CallError
@@ -72,7 +72,7 @@ def check_allowed(
             "PHASE_NOT_OPEN",
             403,
             f"phase {phase.name} is {status}",
-            found=f"{'opens' if status == 'upcoming' else 'closed'} {when:%Y-%m-%d %H:%M %Z}",
+            found=f"{'opens' if status == 'upcoming' else 'closed'} {moment_text(when)}",
         )
     recent = session.scalar(
         select(func.count())

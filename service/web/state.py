@@ -23,7 +23,7 @@ from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.leaderboard import Board
 from pliant.service.models import Version
-from pliant.service.settings import Phase
+from pliant.service.settings import Phase, moment_text
 from pliant.service.versions import versions_of
 from pliant.service.web.throttle import Throttle
 from pliant.spec.lru_cache import LRUCache
@@ -35,6 +35,7 @@ def _templates() -> jinja2.Environment:
     """Return the templates of the service."""
     made = environment("pliant.service")
     made.filters["utc"] = utc
+    made.filters["moment"] = moment_text
     made.filters["bytes"] = decimal
     made.globals["heading"] = figure_heading
     return made

@@ -278,11 +278,16 @@ def test_pages_show_the_digits_that_decide_ranks(plain: Trial, plain_client: Tes
 
 
 def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:
-    trial = make_trial("phases: [{name: later, split: test, opens: 2199-03-01T00:00:00+09:00}]")
+    trial = make_trial(
+        "phases:\n- {name: later, split: test, opens: 2199-03-01T00:00:00+09:00}\n"
+        "- {name: brief, split: test, closes: 2199-03-01T00:00:30.5Z}\n"
+    )
     with client_of(trial) as client:
-        assert "upcoming, opens 2199-02-28 15:00 UTC;" in client.get("/").text
-        assert "<td>2199-02-28 15:00 UTC</td>" in client.get("/rules").text
-        refused = submit(client, trial.tokens[0], b"early").json()
+        assert "upcoming, opens 2199-02-28 15:00 UTC;" in client.get("/?phase=later").text
+        assert "open, closes 2199-03-01 00:00:30 UTC;" in client.get("/?phase=brief").text
+        for moment in ("2199-02-28 15:00", "2199-03-01 00:00:30"):
+            assert f"<td>{moment} UTC</td>" in client.get("/rules").text
+        refused = submit(client, trial.tokens[0], b"early", phase="later").json()
         assert refused["message"] == "phase later is upcoming; found opens 2199-02-28 15:00 UTC"
 
 
