@@ -34,6 +34,10 @@ class FolderStore:
         finally:
             partial.unlink(missing_ok=True)
 
+    def remove(self, sha256: str) -> None:
+        """Remove a file that no submission names."""
+        self.path(sha256).unlink(missing_ok=True)
+
     def path(self, sha256: str) -> Path:
         """Return where a file is, or would be."""
         return self._root / sha256[:2] / f"{sha256}.parquet"

@@ -17,12 +17,15 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from pliant.evaluator import read_protocol
+from pliant.service.challenge import Challenge
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
-from pliant.service.settings import Scoring
+from pliant.service.settings import Phase, Scoring
 from pliant.service.store import FolderStore
+from pliant.service.submissions import Upload, accept
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
@@ -261,6 +264,36 @@ def test_a_client_that_lost_the_answer_to_its_last_attempt(make_trial: MakeTrial
         assert "sent this file before" in ada.get("/submissions/1?again=1").text
         stored = [path for path in (trial.challenge.root / "submissions").rglob("*.parquet")]
         assert len(stored) == 1
+
+
+def test_a_file_that_is_refused_at_the_last_moment_is_not_stored(
+    make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = make_trial(TWO_PHASES)
+    stored = trial.challenge.root / "submissions"
+    # Before the transfer, an attempt was left.
+    monkeypatch.setattr("pliant.service.web.uploads.check_allowed", lambda *_, **__: 0)
+    with client_of(trial) as client:
+        assert submit(client, trial.tokens[0], b"last").status_code == 201
+        assert submit(client, trial.tokens[0], b"next").json()["code"] == "QUOTA_EXCEEDED"
+        assert [path.read_bytes() for path in stored.rglob("*.parquet")] == [b"last"]
+        assert submit(client, trial.tokens[1], b"next").status_code == 201
+        assert submit(client, trial.tokens[0], b"next").json()["code"] == "QUOTA_EXCEEDED"
+        assert len(list(stored.rglob("*.parquet"))) == 2
+
+
+def test_a_file_that_is_removed_while_it_is_accepted_is_stored_again(
+    plain: Trial, plain_client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another team's same file was refused between the file's storing and its acceptance."""
+
+    def slow(session: Session, challenge: Challenge, phase: Phase, who: Any, upload: Upload) -> Any:
+        challenge.store.remove(upload.sha256)
+        return accept(session, challenge, phase, who, upload)
+
+    monkeypatch.setattr("pliant.service.web.uploads.accept", slow)
+    sent = submit(plain_client, plain.tokens[0], b"good").json()
+    assert plain.challenge.store.path(sent["file_sha256"]).read_bytes() == b"good"
 
 
 def test_pages_show_the_digits_that_decide_ranks(plain: Trial, plain_client: TestClient) -> None:
