@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
 from urllib.parse import urlsplit
 
@@ -13,7 +13,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 from sqlalchemy import text
-from sqlalchemy.exc import DBAPIError, TimeoutError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError, TimeoutError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
@@ -22,7 +22,7 @@ from pliant.service.challenge import Challenge
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Observation
-from pliant.service.web.security import Protection
+from pliant.service.web.security import Protection, maybe_who
 from pliant.service.web.state import Site, static_file
 from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import CallError, PliantError
@@ -106,6 +106,9 @@ def _add_errors(app: FastAPI, site: Site) -> None:
         headers |= site.headers if status == 500 else {}
         if request.url.path.startswith("/api/"):
             return JSONResponse({"code": code, "message": message}, status, headers)
+        if status == 404 and not hasattr(request.state, "who"):  # no route asked who it is
+            with suppress(SQLAlchemyError):
+                maybe_who(request)
         who = getattr(request.state, "who", None)
         page = site.render(
             "error.html.j2", code=code, message=message, status=status, who=who, plain=False

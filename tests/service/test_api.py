@@ -221,6 +221,9 @@ def test_an_error_page_does_not_ask_a_team_to_sign_in_again(
     assert page.status_code == 404
     assert "Sign in" not in page.text
     assert "Sign out" in page.text
+    for path in ("/nothing", "/data/nothing"):
+        assert "Sign out" in SignedIn(plain_client, plain.tokens[0]).get(path).text
+        assert '<a href="/login">Sign in</a>' in plain_client.get(path).text
 
 
 def test_upload_by_form(make_trial: MakeTrial) -> None:
