@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import FileResponse, PlainTextResponse
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.responses import Response
@@ -69,6 +69,16 @@ class ChallengeView(BaseModel):
     phases: list[PhaseView]
     max_file_mb: float
     team: str | None
+
+
+class Sending(BaseModel):
+    """How a file is sent. A misspelt name is refused: it would charge what should be checked."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    phase: str | None = None
+    check_only: bool = False
+    file_name: Annotated[str, Field(max_length=300)] = "submission.parquet"
 
 
 _ERRORS: Final[dict[int | str, dict[str, Any]]] = {
@@ -188,9 +198,7 @@ async def post_submission(
     response: Response,
     site: TheSite,
     who: Annotated[Identity, Depends(by_token)],
-    phase: str | None = None,
-    check_only: bool = False,
-    file_name: Annotated[str, Query(max_length=300)] = "submission.parquet",
+    sending: Annotated[Sending, Query()],
 ) -> SubmissionView:
     """Submit a Parquet file, the request's body.
 
@@ -203,11 +211,11 @@ async def post_submission(
     view, new = await receive_file(
         site,
         who,
-        phase_of(site, phase),
+        phase_of(site, sending.phase),
         request.stream(),
         size=int(request.headers.get("content-length", 0)) or None,
-        name=file_name,
-        check_only=check_only,
+        name=sending.file_name,
+        check_only=sending.check_only,
     )
     if not new:
         response.status_code = 200

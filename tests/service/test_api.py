@@ -16,11 +16,12 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import text
+from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import read_protocol
 from pliant.service.challenge import Challenge
+from pliant.service.models import Submission
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
 from pliant.service.settings import Phase, Scoring
@@ -369,6 +370,13 @@ def test_a_form_in_place_of_the_file_is_refused(plain: Trial, plain_client: Test
     )
     assert (sent.status_code, sent.json()["code"]) == (415, "FILE_IN_FORM")
     assert "`curl -T`" in sent.json()["message"]
+
+
+def test_a_misspelt_parameter_charges_nothing(plain: Trial, plain_client: TestClient) -> None:
+    sent = submit(plain_client, plain.tokens[0], b"good", **{"check-only": "true"})
+    assert (sent.status_code, sent.json()["code"]) == (422, "PARAMETER_INVALID")
+    assert "query.check-only" in sent.json()["message"]
+    assert plain.values(select(Submission)) == []
 
 
 @pytest.mark.parametrize(("stopped", "status"), [(False, 400), (True, 503)])
