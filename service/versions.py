@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
@@ -161,7 +161,9 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
     dataset = Dataset.open(challenge.public)
     for phase in challenge.settings.phases:
         known = versions_of(session, phase.name)
-        truth = max((each.truth for each in known), default=1)
+        truth = max(
+            (each.truth for each in known), default=_newest_truth(session, challenge, phase)
+        )
         path = truth_file(dataset, challenge.private(truth), phase.split)
         if known and sha256_file(path) not in {each.truth_sha256 for each in known}:
             raise CallError(
@@ -178,6 +180,13 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
             version = add_version(session, challenge, phase, text, truth, reason, actor=HOST)
             if known:
                 rescore(session, [version], actor=HOST)
+
+
+def _newest_truth(session: Session, challenge: Challenge, phase: Phase) -> int:
+    """Return the number of the truth of a new phase: the newest that its split has."""
+    same = [each.name for each in challenge.settings.phases if each.split == phase.split]
+    newest = select(func.max(Version.truth)).where(Version.phase.in_(same))
+    return session.scalar(newest) or 1
 
 
 def versions_of(session: Session, phase: str) -> list[Version]:

@@ -154,6 +154,16 @@ def test_secrets_are_readable_by_their_owner_alone(make_trial: MakeTrial) -> Non
         assert mode in (0o600, 0o700), path
 
 
+def corrected(private: Path, tmp_path: Path) -> Path:
+    """Return a private half with another truth of the split test."""
+    half = Path(shutil.copytree(private, tmp_path / "corrected"))
+    path, manifest = half / "truth" / "test.parquet", half / "manifest.json"
+    pq.write_table(pq.read_table(path), path, compression="none")
+    document = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps({**document, "checksums_sha256": "0" * 64}))
+    return half
+
+
 def test_rescoring_adds_scores_and_changes_none(
     make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
 ) -> None:
@@ -176,12 +186,8 @@ def test_rescoring_adds_scores_and_changes_none(
     with pytest.raises(SpecError, match="public half"):
         rescore_challenge(trial.challenge, None, None, service_halves.public, "wrong folder")
     assert os.listdir(trial.challenge.root / "private") == ["1"]
-    corrected = Path(shutil.copytree(service_halves.private, tmp_path / "corrected"))
-    path, manifest = corrected / "truth" / "test.parquet", corrected / "manifest.json"
-    pq.write_table(pq.read_table(path), path, compression="none")
-    document = json.loads(manifest.read_text())
-    manifest.write_text(json.dumps({**document, "checksums_sha256": "0" * 64}))
-    new, count = rescore_challenge(trial.challenge, None, None, corrected, "corrected")
+    half = corrected(service_halves.private, tmp_path)
+    new, count = rescore_challenge(trial.challenge, None, None, half, "corrected")
     assert ({each.truth for each in new}, len(new), count) == ({2}, 2, 2)
     trial.send(b"later")
     trial.work()
@@ -516,6 +522,21 @@ def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: Make
         # The form keeps the protocol, and leaves it with the phase.
         assert 'name="version" value="2"' in page
         assert "protocol <strong>standard</strong>" in client.get("/?version=1&phase=test").text
+
+
+def test_a_phase_that_is_added_is_scored_by_the_corrected_answers(
+    make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
+) -> None:
+    trial = make_trial("phases:\n- {name: test, split: test}\n- {name: open, split: val}\n")
+    corrected_half = corrected(service_halves.private, tmp_path)
+    rescore_challenge(trial.challenge, "test", None, corrected_half, "corrected")
+    path = trial.challenge.root / "challenge.yaml"
+    path.write_text(path.read_text().replace("max_file", "- {name: final, split: test}\nmax_file"))
+    challenge = Challenge.open(trial.challenge.root)
+    with challenge.database.write() as session:
+        add_missing_versions(session, challenge)
+    found = [(each[1], each[5]) for each in rows(challenge)["version"]]
+    assert found == [("test", "1"), ("open", "1"), ("test", "2"), ("final", "2")]
 
 
 def test_phases_with_submissions_keep_their_names(make_trial: MakeTrial) -> None:
