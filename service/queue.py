@@ -54,16 +54,18 @@ def lease_next(database: Database, worker: str, limits: Scoring) -> Lease | None
         job = session.scalar(_waiting(limits).limit(1).with_for_update(skip_locked=True))
         if job is None:
             return None
-        if job.tries < limits.tries:
-            job.state, job.tries, job.worker = "leased", job.tries + 1, worker
-            job.lease = secrets.token_hex(8)
-            job.lease_until_ms = now_ms() + int(limits.lease_s * 1000)
+        exhausted = job.tries >= limits.tries
+        job.state, job.worker, job.lease = "leased", worker, secrets.token_hex(8)
+        job.lease_until_ms = now_ms() + int(limits.lease_s * 1000)
+        if not exhausted:
+            job.tries += 1
             submission = session.get_one(Submission, job.submission_id)
             if submission.state == State.QUEUED:
                 submission.state = State.RUNNING
-            return Lease(job.id, job.lease, job.tries, submission.id, tuple(job.versions))
-        exhausted = Lease(job.id, str(job.lease), job.tries, job.submission_id, ())
-    fail(database, exhausted, f"its worker stopped {limits.tries} times", _STOPPED)
+        lease = Lease(job.id, job.lease, job.tries, job.submission_id, tuple(job.versions))
+    if not exhausted:
+        return lease
+    fail(database, lease, f"its worker stopped {lease.tries} times", _STOPPED)
     return None
 
 

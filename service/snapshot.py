@@ -37,6 +37,8 @@ def write_tables(session: Session, folder: Path) -> None:
 def read_tables(session: Session, folder: Path) -> None:
     """Fill empty tables with what `write_tables` wrote; jobs that were leased wait again.
 
+    Their tries do not count: the backup ended them, not the file.
+
     Args:
         session: A writing session of a new database.
         folder: The folder.
@@ -58,7 +60,12 @@ def read_tables(session: Session, folder: Path) -> None:
                 session.execute(insert(table), rows)
         if session.get_bind().dialect.name == "postgresql" and "id" in table.columns:
             _continue_numbers(session, table.name)
-    session.execute(text("UPDATE job SET state = 'queued', lease = NULL WHERE state = 'leased'"))
+    session.execute(
+        text(
+            "UPDATE job SET state = 'queued', lease = NULL, tries = tries - 1 "
+            "WHERE state = 'leased'"
+        )
+    )
     session.execute(text("UPDATE submission SET state = 'queued' WHERE state = 'running'"))
 
 

@@ -161,6 +161,19 @@ def test_a_job_whose_workers_stop_fails_after_three_tries_and_is_refunded(trial:
     assert again != number
 
 
+def test_a_job_that_waits_with_all_its_tries_fails_and_lets_others_pass(trial: Trial) -> None:
+    """The rules allow fewer tries than before."""
+    first, second = trial.send(b"good"), trial.send(b"fine", team=1)
+    limits = trial.challenge.settings.scoring
+    lease = lease_next(trial.challenge.database, "gone", limits)
+    assert lease is not None
+    queue.give_back(trial.challenge.database, lease, "a crash", later=False)
+    assert lease_next(trial.challenge.database, "next", limits.replace(tries=1)) is None
+    assert state_of(trial, first).state == State.FAILED
+    trial.work()
+    assert state_of(trial, second).state == State.SCORED
+
+
 def test_a_running_job_keeps_its_lease(make_trial: MakeTrial) -> None:
     trial = make_trial("scoring: {lease_s: 3}\n")
     number = trial.send(b"good")

@@ -26,7 +26,8 @@ from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
 from pliant.service.database import sqlite_url
-from pliant.service.models import APPEND_ONLY, Base, Score, Version
+from pliant.service.models import APPEND_ONLY, Base, Score, State, Submission, Version
+from pliant.service.queue import lease_next
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
 from pliant.service.rescoring import rescore_challenge
 from pliant.service.scoring import Result, Task
@@ -260,6 +261,21 @@ def test_backup_and_archive_give_the_same_service(
                 page = client.get("/rules").text
             assert earlier.read_text().split("\n")[1] in page
         restored.database.engine.dispose()
+
+
+def test_a_job_in_its_last_try_is_done_after_a_restore(
+    make_trial: MakeTrial, tmp_path: Path
+) -> None:
+    trial = make_trial("scoring: {tries: 1}\n")
+    trial.send(b"good")
+    limits = trial.challenge.settings.scoring
+    assert lease_next(trial.challenge.database, "busy", limits) is not None
+    write_backup(trial.challenge, tmp_path / "backup")
+    restore_challenge(tmp_path / "backup", tmp_path / "restored", None, None)
+    restored = Trial(Challenge.open(tmp_path / "restored"), None, trial.host, trial.tokens)
+    restored.work()
+    assert restored.values(select(Submission.state)) == [State.SCORED]
+    restored.challenge.database.engine.dispose()
 
 
 def test_protocols_of_a_phase_score_one_kind(
