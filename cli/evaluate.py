@@ -11,6 +11,7 @@ import click
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option, path_option
 from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.spec.conventions import SPLITS
 
 if TYPE_CHECKING:
     from pliant.evaluator import Scores
@@ -30,6 +31,11 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="paper, standard, tapvid, tapvid-first, tapvid-strided, track, auc, spair or matches; "
     "default: standard, and matches for matches.",
+)
+@click.option(
+    "--split",
+    type=click.Choice(SPLITS),
+    help="Refuse a submission to another split, such as one whose truth is public.",
 )
 @path_option("--out", "REPORT", "Report folder.")
 @click.option(
@@ -54,6 +60,7 @@ if TYPE_CHECKING:
 def command(
     submission: Path,
     data: Path,
+    split: str | None,
     out: Path | None,
     hide_truth: bool,
     as_json: bool,
@@ -82,6 +89,13 @@ def command(
             for issue in error.issues:
                 echo(str(issue), err=True)
             raise
+        if split not in (None, found := scores.document["split"]):
+            raise SubmissionError(
+                "the submission answers another split",
+                path=submission,
+                found=found,
+                required=f"{split} (--split)",
+            )
         if out is not None:
             write_report(scores, out, data=data)
     if hide_truth:

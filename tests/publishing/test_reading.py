@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import builtins
+import json
 import os
 import pickle
+import re
+import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +17,7 @@ import pytest
 
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
+from pliant.cli.main import run
 from pliant.evaluator import evaluate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -45,6 +50,29 @@ def test_the_halves_score_as_the_whole_does(
         geodesic = [name for name in whole.overall if "geodesic" in name]
         assert geodesic
         assert all(whole.overall[name] is not None for name in geodesic)
+
+
+def test_the_scoring_program_of_another_platform(
+    halves: Any,
+    submission: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The documented command refuses perfect answers of a split whose truth is public."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "competitions.md").read_text()
+    (text,) = re.findall(r"\npliant (evaluate sub.*?) > scores.json", page, re.DOTALL)
+    command = shlex.split(text.replace("\\\n", ""))
+    monkeypatch.chdir(tmp_path)
+    Path("public").symlink_to(halves.public)
+    Path("private").symlink_to(halves.private)
+    shutil.copy(submission, "submission.parquet")
+    assert run(command) == 0
+    figures = json.loads(capsys.readouterr().out)["overall"]
+    assert len(figures) == 7
+    predict(Dataset.open(halves.public), "val", METHODS["oracle"](), Path("submission.parquet"))
+    assert run(command) == 1
+    assert "found val; required: test (--split)" in capsys.readouterr().err
 
 
 def test_the_truth_alone_scores_what_needs_no_surface(halves: Any, submission: Path) -> None:
