@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from datetime import date
 from typing import Final
@@ -12,6 +13,7 @@ from pliant.spec.storage.packing import SHARD_BYTES
 from pliant.spec.text import name_fault
 
 _LEAST_SHARD_BYTES: Final = 2**16
+_URL: Final = re.compile(r"""[A-Za-z][A-Za-z0-9+.-]*:[^\s"'<>\\^`{|}]+""")
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,13 @@ class PublishSettings:
         for name in self.authors:
             if (fault := name_fault(name)) is not None:
                 raise CallError("invalid name of an author", where="--author", found=fault)
+        if self.url is not None and not _URL.fullmatch(self.url):
+            raise CallError(
+                "this is not an address",
+                where="--url",
+                found=repr(self.url)[:100],
+                required="such as https://… or hf://datasets/USER/NAME, without spaces",
+            )
         if self.date is not None and not _is_day(self.date):
             raise CallError(
                 "the date cannot be read", where="--date", found=self.date, required="YYYY-MM-DD"

@@ -154,6 +154,8 @@ def test_calls_that_make_no_sense_are_refused(
         (2, "nothing to ask", whole, "--out", out, "--hold-out", "train"),
         (2, "size cannot be read", whole, "--out", out, "--shard-size", "5XB"),
         (2, "shards would be too small", whole, "--out", out, "--shard-size", "10"),
+        (2, "not an address", whole, "--out", out, "--url", "https://example.org/my ropes"),
+        (2, "not an address", whole, "--out", out, "--url", "example.org/ropes"),
         (2, "date cannot be read", whole, "--out", out, "--date", "1 May"),
         (2, r"character \x0a", whole, "--out", out, "--author", "A\nB"),
         (2, "packed", halves.public, "--out", out),
