@@ -111,7 +111,9 @@ class Database:
                 "the database cannot be reached",
                 path=self.engine.url.render_as_string(hide_password=True),
                 found=" ".join(str(error.orig).split())[:200],
-                fix="Start it, or name another one with --database.",
+                fix="Free some space, and check who may write its folder; or restore a backup."
+                if self.is_sqlite
+                else "Start it, or name another one with --database.",
             ) from error
         if found != expected:
             raise CallError(

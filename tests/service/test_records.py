@@ -25,7 +25,7 @@ from pliant.service.archive import restore_challenge, write_archive, write_backu
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
-from pliant.service.database import sqlite_url
+from pliant.service.database import Database, sqlite_url
 from pliant.service.models import APPEND_ONLY, Base, Score, State, Submission, Version
 from pliant.service.queue import lease_next
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
@@ -518,6 +518,11 @@ def test_addresses_that_are_no_database_are_refused(
     (root / "challenge.sqlite").unlink()
     said = refused(2, "challenge", "audit", root, "--database", url)
     assert "the database's URL cannot be used" in said
+
+
+def test_a_sqlite_file_that_cannot_be_opened_is_no_server_to_start(tmp_path: Path) -> None:
+    with pytest.raises(CallError, match=r"unable to open .*space, and check who may write"):
+        Database(sqlite_url(tmp_path / "none" / "challenge.sqlite")).check()
 
 
 def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: MakeTrial) -> None:
