@@ -113,14 +113,18 @@ class LocalEngine:
                 _stop(worker)
 
     def _ready(self, workers: Mapping[Connection, _Worker]) -> list[_Worker]:
-        """Wait for workers that report something, that died, or that hang: these are killed."""
+        """Wait for busy workers that report something, die, or hang: these are killed.
+
+        An idle worker gets no more tasks: the run does not need it any longer.
+        """
+        busy = {pipe: worker for pipe, worker in workers.items() if worker.task is not None}
         while True:
-            reports = [workers[pipe] for pipe in wait(list(workers), _TICK_S)]  # type: ignore[index]
+            reports = [busy[pipe] for pipe in wait(list(busy), _TICK_S)]  # type: ignore[index]
             now = time.monotonic()
             for worker in reports:
                 worker.heard = now
-            for worker in workers.values():
-                if worker.task is not None and now - worker.heard > self.stall_s:
+            for worker in busy.values():
+                if now - worker.heard > self.stall_s:
                     worker.stalled = True
                     worker.process.kill()  # its pipe ends, which the next round reports
             if reports:
