@@ -15,7 +15,12 @@ from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import codes, stacked
 from pliant.spec.model import Tier
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.tables import check_table, numbers, report_not_finite
+from pliant.spec.validation.rules.tables import (
+    check_place,
+    check_table,
+    numbers,
+    report_not_finite,
+)
 
 MATERIAL_TOLERANCE = 1e-5
 """How far a float32 material coordinate may be off, as a share of its range."""
@@ -55,7 +60,10 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
         The points, or None where a problem leaves nothing to build on.
     """
     table = check_table(path, "points", problems, max_rows=limits.MAX_POINTS)
-    if table is None or not table.whole:
+    if table is None:
+        return None
+    check_place(table)
+    if not table.whole:
         return None
     if table.rows == 0:
         problems.add("ROW_MISSING", "", "a sequence must have at least one point")

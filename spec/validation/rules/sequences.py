@@ -32,7 +32,7 @@ from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
-from pliant.spec.validation.rules.tables import check_table
+from pliant.spec.validation.rules.tables import check_place, check_table
 from pliant.spec.validation.rules.visibility import check_visibility
 from pliant.spec.validation.rules.windows import SoundFrame
 
@@ -182,6 +182,8 @@ def _check_frames(
         path = files.folder / layout.CORRESPONDENCES_TABLE
         most = limits.MAX_CORRESPONDENCE_ROWS
         table = check_table(path, "correspondences", problems, max_rows=most)
+        if table is not None:
+            check_place(table)
         if table is not None and table.whole and points is not None:
             grouped = check_keys(table, frames, len(points))
             if not context.quick:

@@ -114,6 +114,16 @@ def _footer(file: pq.ParquetFile, path: Path, name: str, problems: FileProblems)
     return {}
 
 
+def check_place(table: CheckedTable) -> None:
+    """Check that a footer's `sequence` and `tier`, where it has them, name the table's folders."""
+    folder = table.path.parent
+    for key, required in (("sequence", folder.name), ("tier", folder.parent.name)):
+        named = table.footer.get(key, required)
+        if named != required:
+            text = f"found {named!r:.80}; its folder has {required!r:.80}"
+            table.problems.add("IDENTITY_DIFFERS", f"footer {key}", text)
+
+
 def numbers(table: pa.Table, column: str) -> npt.NDArray[Any]:
     """Return a numeric column as one array."""
     array: npt.NDArray[Any] = table.column(column).to_numpy()

@@ -18,7 +18,14 @@ from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.sequences import check_sequence
 from tests.conformance.base import relist
-from tests.conformance.edits import change_exr, change_json, change_rows, change_table, write_png
+from tests.conformance.edits import (
+    change_exr,
+    change_footer,
+    change_json,
+    change_rows,
+    change_table,
+    write_png,
+)
 from tests.conformance.publications import record
 from tests.spec.conftest import DATASETS
 from tests.spec.validation import world
@@ -87,6 +94,22 @@ def test_what_a_sequence_gives_to_the_rules_above(root: Path) -> None:
         frame: int(listed[f"depth/{frame:06d}.exr"][:15], 16) for frame in range(2)
     }
     assert set(result.keys.pictures) == set(result.keys.shapes) == {0, 1}
+
+
+@pytest.mark.parametrize("name", ["points.parquet", "correspondences.parquet"])
+@pytest.mark.parametrize(
+    ("footer", "places"),
+    [
+        ({"sequence": NAME, "tier": "rope"}, []),
+        ({"sequence": "rope-train-000001"}, ["footer sequence"]),
+        ({"sequence": "", "tier": "cloth-1"}, ["footer sequence", "footer tier"]),
+    ],
+)
+def test_footers_name_the_folders_of_their_table(
+    name: str, footer: dict[str, str], places: list[str], root: Path
+) -> None:
+    result = checked(root, change_footer(f"{FOLDER}/{name}", lambda f: f.update(footer)))
+    assert found(result) == [("IDENTITY_DIFFERS", name, place) for place in places]
 
 
 INFO = "sequence.json"
