@@ -247,12 +247,18 @@ class _SplitCheck:
         for index, tier in enumerate(answers["tier"]):
             if tier != pair["tier"]:
                 problems[index].append(f"tier is {tier[:40]!r}; required: {pair['tier']}")
+        boxes = answers["box_px"]
+        for code, bad in (
+            ("VALUE_NOT_FINITE", ~np.isfinite(boxes)),
+            ("VALUE_OUT_OF_RANGE", np.isfinite(boxes) & ~(boxes > 0)),
+        ):
+            self.of_truth.add_rows(
+                code, bad, lambda i: (f"{where[i]}, box_px", f"found {boxes[i]}; required: > 0")
+            )
         box = self.sequences[pair["sequence_b"]].boxes_px[int(pair["frame_b"])]
         if np.isfinite(box):
-            for index in np.flatnonzero(answers["box_px"] != box):
-                problems[index].append(
-                    f"box_px is {answers['box_px'][index]}; the depth image gives {box}"
-                )
+            for index in np.flatnonzero((boxes != box) & np.isfinite(boxes) & (boxes > 0)):
+                problems[index].append(f"box_px is {boxes[index]}; the depth image gives {box}")
         tracks = self._tracks_of(pair["sequence_b"])
         if tracks is not None and point is not None:
             frame = int(pair["frame_b"])

@@ -144,6 +144,9 @@ CASES: list[tuple[Edit, Found]] = [
     (answered(at(9, tier="rope")), truth("TRUTH_DISAGREES", "pair 1, query 4")),
     (answered(at(0, box_px=44.0)), truth("TRUTH_DISAGREES", "pair 0, query 0")),
     (answered(at(14, box_px=49.0)), truth("TRUTH_DISAGREES", "pair 2, query 4")),
+    (answered(at(0, box_px=np.nan)), truth("VALUE_NOT_FINITE", "pair 0, query 0, box_px")),
+    (answered(at(0, box_px=np.inf)), truth("VALUE_NOT_FINITE", "pair 0, query 0, box_px")),
+    (answered(at(0, box_px=-45.0)), truth("VALUE_OUT_OF_RANGE", "pair 0, query 0, box_px")),
     (answered(at(0, point=lambda p: p + 1)), truth("TRUTH_DISAGREES", "pair 0, query 0")),
     (answered(at(0, point=-1)), truth("TRUTH_DISAGREES", "pair 0, query 0")),
     (answered(at(0, point=93)), truth("TRUTH_DISAGREES", "pair 0, query 0")),
@@ -247,6 +250,16 @@ def test_boxes_that_are_not_known_are_not_compared(root: Path) -> None:
     sequences[ROPE].boxes_px[:] = [np.nan, 45]
     expected = truth("TRUTH_DISAGREES", *[f"pair 0, query {k}" for k in range(5)])
     assert checked(root, sequences=sequences) == expected
+
+
+@pytest.mark.parametrize("box", [0.0, np.nan])
+def test_a_target_that_does_not_show_the_object_has_no_box(box: float, root: Path) -> None:
+    """Neither where the image shows none, nor where it was not looked at."""
+    sequences = known()
+    sequences[SHEET].boxes_px[1] = box
+    wrong = answered(at(range(10, 15), box_px=0.0))
+    places = [f"pair 2, query {k}, box_px" for k in range(5)]
+    assert checked(root, wrong, sequences=sequences) == truth("VALUE_OUT_OF_RANGE", *places)
 
 
 @pytest.mark.parametrize("change", ["none", "state", "kind", "object", "place"])
