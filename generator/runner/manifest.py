@@ -23,7 +23,12 @@ from pliant.spec.secrets import (
     read_secret_seed,
     write_secret_seed,
 )
-from pliant.spec.storage.layout import DATASET_JSON, PRIVATE_DIR, sequence_name
+from pliant.spec.storage.layout import (
+    DATASET_JSON,
+    INDEX_TABLE,
+    PRIVATE_DIR,
+    sequence_name,
+)
 from pliant.spec.text import shortened
 
 RUN_DIR: Final = ".pliant"
@@ -58,10 +63,17 @@ class RunFolder:
         """Refuse a folder that contains anything but a dataset of ours; write nothing.
 
         Raises:
-            CallError: The folder contains something else, or is not a folder.
+            CallError: The folder contains something else or a packed dataset, or is not a folder.
         """
         if self.root.exists() and not self.root.is_dir():
             raise CallError("the output is a file, not a folder", path=self.root)
+        if (self.root / INDEX_TABLE).exists():
+            raise CallError(
+                "the output folder contains a packed dataset, which cannot grow",
+                path=self.root,
+                found=INDEX_TABLE,
+                fix="Name the folder it was packed from, or a new one",
+            )
         if self.root.is_dir() and self.stored_config() is None:
             ours = (RUN_DIR, PRIVATE_DIR)
             others = sorted(p.name for p in self.root.iterdir() if p.name not in ours)
@@ -144,7 +156,9 @@ class RunFolder:
             stored = (_read_object(self.root / DATASET_JSON) or {}).get("provenance")
             stored = {"resolved": stored.get("config")} if isinstance(stored, dict) else None
         resolved = None if stored is None else stored.get("resolved")
-        return resolved if isinstance(resolved, dict) else None
+        if not isinstance(resolved, dict) or not isinstance(resolved.get("splits"), dict):
+            return None  # a dataset that was not generated
+        return resolved
 
     def store_config(self, config: GenerateConfig, *, finished: bool) -> None:
         """Remember a config, and whether its run came to its end."""

@@ -86,6 +86,31 @@ def test_foreign_folders_and_files_are_refused(tmp_path):
     assert sorted(p.name for p in (tmp_path / "photos").iterdir()) == ["cat.png"]
 
 
+@pytest.mark.parametrize("config", [{}, {"splits": ["test"], "tiers": 1}])
+def test_a_dataset_that_was_not_generated_is_refused(config, tmp_path):
+    out = tmp_path / "set"
+    out.mkdir()
+    document = json.dumps({"provenance": {"config": config}})
+    (out / "dataset.json").write_text(document)
+    with pytest.raises(CallError, match=r"contains something else; found dataset\.json"):
+        make(out)
+    assert [path.name for path in out.iterdir()] == ["dataset.json"]
+
+
+def test_a_packed_dataset_does_not_grow(tmp_path):
+    """Its sequences are in shards, where the plan does not find them."""
+    out = tmp_path / "set"
+    make(out)
+    shutil.rmtree(out / ".pliant")
+    shutil.rmtree(out / "sequences")
+    (out / "index.parquet").touch()
+    before = digests(out)
+    with pytest.raises(CallError, match="a packed dataset, which cannot grow"):
+        make(out)
+    assert digests(out) == before
+    assert not (out / ".pliant").exists()
+
+
 def test_one_run_at_a_time(tmp_path):
     run = RunFolder(tmp_path / "set")
     run.open()
