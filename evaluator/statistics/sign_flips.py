@@ -88,15 +88,18 @@ def paired_difference(
     share = crossing.shares(below) / max(total, 1e-300)
     used = share > 0
     sequences = int(used.sum())
-    value = _score(ratio, second) - _score(ratio, first)
+    scores = _score(ratio, first), _score(ratio, second)
+    value = scores[1] - scores[0]
     if not np.isfinite(value):
         return PairedDifference(math.nan, math.nan, math.nan, sequences, None)
     # Linear in the pairs, about the quotient of both methods together: exchanging the methods
     # changes the sign of an effect and nothing else.
     pooled = (first[0].sum() + second[0].sum()) / total
     differences = second[0] - pooled * second[1] - first[0] + pooled * first[1]
-    if differences.sum() != 0:
-        differences *= value / differences.sum()
+    # They sum to `value` in units of the metric; a quotient of both would fail where that is 0.
+    differences *= total / (2 * first[1].sum() * second[1].sum())
+    if ratio.root and not ratio.over_pairs:
+        differences /= max(sum(scores), 1e-300)
     effect, share = crossing.effects(differences, below)[used], share[used]
     low, high = _interval(effect, share, level)
     needed = None if value == 0 else _sequences_needed(effect, share, level)

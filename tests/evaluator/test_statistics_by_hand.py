@@ -189,6 +189,14 @@ def test_differences_that_are_not_defined() -> None:
     other = paired_difference(SHARE, same, turned, crossed, 0.95)
     assert other.value == 0
     assert other.low < 0 < other.high
+    # Of methods that are right in other halves of the sequences no mean can be beyond +-0.5.
+    left, right = np.repeat([2.0, 0.0], 3), np.repeat([0.0, 2.0], 3)
+    halves = paired_difference(SHARE, (left, same[1]), (right, same[1]), crossed, 0.95)
+    assert (halves.value, halves.low, halves.high) == pytest.approx((0, -0.5, 0.5))
+    roots = paired_difference(ERROR, (left, same[1]), (right, same[1]), crossed, 0.95)
+    assert (roots.value, roots.low, roots.high) == pytest.approx((0, -0.5, 0.5))
+    perfect = paired_difference(ERROR, none[:1] + same[1:], none[:1] + same[1:], crossed, 0.95)
+    assert (perfect.value, perfect.low, perfect.high) == (0, 0, 0)
     one = Crossing.of(ids[:1], ids[:1], np.zeros(1, np.int64), 1)
     single = paired_difference(
         SHARE, (same[0][:1], same[1][:1]), (np.ones(1) * 9, same[1][:1]), one, 0.95
