@@ -23,7 +23,7 @@ import numpy as np
 
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.spec.arrays import BoolArray, FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
@@ -114,7 +114,7 @@ def intervals(
     sizes = crossing.sizes()
     result = []
     for group in range(crossing.tiers + 1):
-        sums = drawn.sum(axis=1) if group == 0 else drawn[:, group - 1]
+        sums = _whole(drawn, sizes) if group == 0 else drawn[:, group - 1]
         counted = (tier_of_pair == group - 1) | (group == 0)
         whole = terms[counted].sum(axis=0, keepdims=True)  # (1, 2M)
         sequences, tiers = crossing.extent(group)
@@ -130,6 +130,18 @@ def intervals(
                 found[ratio.name] = interval(ratio, score, values, settings.level, sequences, tiers)
         result.append(found)
     return result
+
+
+def _whole(drawn: FloatArray, sizes: IntArray) -> FloatArray:
+    """Return the sums over all tiers in every replicate, float64 (B, M).
+
+    Tiers of one size draw the same places in the same replicates: each is shifted by as many
+    replicates as there are earlier ones of its size, so that the tiers are drawn independently.
+    """
+    total = np.zeros((len(drawn), drawn.shape[2]))
+    for tier, size in enumerate(sizes):
+        total += np.roll(drawn[:, tier], (sizes[:tier] == size).sum(), axis=0)
+    return total
 
 
 def interval(

@@ -107,6 +107,19 @@ def test_intervals_of_every_group(crossed: Crossing) -> None:
     assert intervals([SHARE], nothing, Crossing.of(A[:5], B[:5], TIER[:5], 1), SETTINGS) == [{}, {}]
 
 
+def test_tiers_of_one_size_are_drawn_independently() -> None:
+    """Two tiers whose sequences mirror each other: drawn alike, they would always cancel out."""
+    count = 8
+    ids = np.arange(2 * count)
+    crossed = Crossing.of(ids, ids, np.repeat([0, 1], count), 2)
+    hits = np.linspace(0, 10, count)
+    columns = {"hits": np.append(hits, 10 - hits), "asked": np.full(2 * count, 10.0)}
+    settings = Bootstrap(unit="sequences", replicates=2000, seed=0, level=0.95)
+    low, high = intervals([SHARE], columns, crossed, settings)[0]["pck"]
+    error = np.sqrt(2 * hits.var(ddof=1) / count) / 20  # of the mean of two independent means
+    assert (high - low) / 2 == pytest.approx(stats.t(14).ppf(0.975) * error, rel=0.1)
+
+
 def test_a_tier_of_one_sequence_has_no_interval_and_neither_has_the_whole() -> None:
     alone = np.array([10, 11, 12, 40])
     crossed = Crossing.of(alone, alone, np.array([0, 0, 0, 1]), 2)
