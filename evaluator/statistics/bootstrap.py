@@ -105,11 +105,12 @@ def intervals(
 
     Returns:
         One mapping of metric to [low, high] for the whole split, then one a tier. A metric is
-        left out where it is not defined, and everywhere in a tier of fewer than three sequences.
+        left out where it is not defined, and where fewer than three sequences of a tier define it.
     """
     pairs = [ratio.terms(columns) for ratio in ratios]
     terms = np.stack([side for pair in pairs for side in pair], axis=1)
     drawn = replicates(crossing, terms, settings)  # (B, T, 2M)
+    defined = [crossing.shares(crossing.sum(below)) > 0 for _, below in pairs]  # (C,) each
     tier_of_pair = crossing.tier[crossing.source[crossing.couple]]
     sizes = crossing.sizes()
     result = []
@@ -117,12 +118,12 @@ def intervals(
         sums = _whole(drawn, sizes) if group == 0 else drawn[:, group - 1]
         counted = (tier_of_pair == group - 1) | (group == 0)
         whole = terms[counted].sum(axis=0, keepdims=True)  # (1, 2M)
-        sequences, tiers = crossing.extent(group)
-        alone = (sizes == 1).any() if group == 0 else sizes[group - 1] == 1
-        enough = sequences - tiers >= _LEAST_FREEDOM and not alone
         found: dict[str, list[float]] = {}
         for index, ratio in enumerate(ratios):
             above, below = 2 * index, 2 * index + 1
+            sequences, tiers = crossing.extent(group, defined[index])
+            alone = group == 0 and (crossing.sizes(defined[index]) == 1).any()
+            enough = sequences - tiers >= _LEAST_FREEDOM and not alone
             values = ratio.finish(sums[:, above], sums[:, below])
             values = values[np.isfinite(values)]
             if enough and len(values):
@@ -154,7 +155,7 @@ def interval(
         score: Its value over all pairs.
         values: float64 (B,), its value in each replicate.
         level: Nominal coverage.
-        sequences: Number of resampled sequences.
+        sequences: Number of resampled sequences that define the metric.
         tiers: Number of tiers they were drawn within.
     """
     from scipy.special import ndtr, stdtrit  # takes 0.1 s to load

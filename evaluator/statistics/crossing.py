@@ -57,13 +57,13 @@ class Crossing:
         of_sequence = np.concatenate([tier, tier])[first].astype(np.int64)
         return cls(couple.reshape(-1), couples[0], couples[1], of_sequence, tiers)
 
-    def sizes(self) -> IntArray:
-        """Return the number of sequences of each tier, int64 (T,)."""
-        return np.bincount(self.tier, minlength=self.tiers)
+    def sizes(self, counted: BoolArray | slice = slice(None)) -> IntArray:
+        """Return the number of sequences of each tier, int64 (T,); `counted` may choose some."""
+        return np.bincount(self.tier[counted], minlength=self.tiers)
 
-    def extent(self, group: int) -> tuple[int, int]:
+    def extent(self, group: int, counted: BoolArray | slice = slice(None)) -> tuple[int, int]:
         """Return (sequences, tiers) of the whole split for 0, of tier `group` - 1 otherwise."""
-        sizes = self.sizes()
+        sizes = self.sizes(counted)
         if group == 0:
             return int(sizes.sum()), int((sizes > 0).sum())
         return int(sizes[group - 1]), 1

@@ -107,6 +107,24 @@ def test_intervals_of_every_group(crossed: Crossing) -> None:
     assert intervals([SHARE], nothing, Crossing.of(A[:5], B[:5], TIER[:5], 1), SETTINGS) == [{}, {}]
 
 
+@pytest.mark.parametrize("defined", [1, 2, 3, 5])
+def test_sequences_that_do_not_define_a_metric_do_not_count(defined: int) -> None:
+    """Twelve sequences, only some of which ask anything."""
+    ids, some = np.arange(12), np.arange(12) < defined
+    crossed = Crossing.of(ids, ids, np.zeros(12, np.int64), 1)
+    columns = {"squares": np.where(some, 1.0 + ids, 0), "asked": some * 1.0}
+    found = intervals([ERROR], columns, crossed, SETTINGS)
+    assert found[0] == found[1]
+    if defined < 3:  # of one sequence all replicates would be equal
+        assert found[0] == {}
+        return
+    sums = replicates(crossed, np.stack([*columns.values()], axis=1), SETTINGS)[:, 0]
+    sums = sums[sums[:, 1] > 0]
+    score = math.sqrt(columns["squares"].sum() / defined)
+    expected = interval(ERROR, score, np.sqrt(sums[:, 0] / sums[:, 1]), 0.9, defined, 1)
+    assert found[0]["rmse_px"] == pytest.approx(expected)
+
+
 def test_tiers_of_one_size_are_drawn_independently() -> None:
     """Two tiers whose sequences mirror each other: drawn alike, they would always cancel out."""
     count = 8
