@@ -64,9 +64,9 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
         return
     _print_differences(scores, names, found, fewest)
     for (group, metric), places in standing.items():
-        if group == "overall" and any(place > 1 for place in places):
-            order = sorted(zip(places, names, strict=True))
-            text = ", ".join(f"{place}. {name}" for place, name in order)
+        placed = [each for each in zip(places, names, strict=True) if each[0] is not None]
+        if group == "overall" and any(place != 1 for place, _ in placed):
+            text = ", ".join(f"{place}. {name}" for place, name in sorted(placed))
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
 
 

@@ -170,26 +170,27 @@ def _verdict(ratio: Ratio, paired: PairedDifference, level: float) -> Verdict:
     return "better" if (paired.high < 0) == (ratio.better == "lower") else "worse"
 
 
-def ranks(found: Sequence[Difference], names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
+def ranks(
+    found: Sequence[Difference], names: Sequence[str]
+) -> dict[tuple[str, str], list[int | None]]:
     """Return ranks that the verdicts support.
 
     A method's rank is one more than the number of methods clearly better than it, so methods
-    that are not clearly different may share one.
+    that are not clearly different may share one. A method that has no value has no rank.
 
     Args:
         found: From `differences`.
         names: The methods in the order of the result.
 
     Returns:
-        (group, metric) -> the rank of each method.
+        (group, metric) -> the rank of each method, or None.
     """
-    result: dict[tuple[str, str], list[int]] = {}
+    result: dict[tuple[str, str], list[int | None]] = {}
     for item in found:
-        standing = result.setdefault((item.group, item.metric), [1] * len(names))
-        if item.verdict == "better":
-            standing[names.index(item.against)] += 1
-        elif item.verdict == "worse":
-            standing[names.index(item.method)] += 1
+        standing = result.setdefault((item.group, item.metric), [None] * len(names))
+        for name, behind in ((item.method, "worse"), (item.against, "better")):
+            index = names.index(name)
+            standing[index] = (standing[index] or 1) + (item.verdict == behind)
     return result
 
 

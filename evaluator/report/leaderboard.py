@@ -98,7 +98,9 @@ def render_leaderboard(
     rivals = {names[i] for i in competing}
     among = [item for item in found if {item.method, item.against} <= rivals]
     places = ranks(among, [names[i] for i in competing])
-    standing = dict(zip(competing, places.get((OVERALL, main), [1] * len(competing)), strict=True))
+    # Without differences at most one method has a value.
+    alone = [None if reports[i].overall.get(main) is None else 1 for i in competing]
+    standing = dict(zip(competing, places.get((OVERALL, main), alone), strict=True))
     if hide_truth:
         reports = [public_scores(report) for report in reports]
     verdict = board_verdict(
@@ -118,8 +120,8 @@ def render_leaderboard(
         charts = _differences(among, [names[i] for i in order if i in standing], main, protocol)
         charts += error_curves(reports, names)
     shown = sorted(order, key=lambda i: i not in standing)
-    rows = [
-        {
+    rows = {
+        i: {
             "rank": standing.get(i),
             "name": names[i],
             "href": links[i] if links else "",
@@ -130,7 +132,7 @@ def render_leaderboard(
             "facts": facts[i],
         }
         for i in order
-    ]
+    }
     return render_page(
         "leaderboard.html.j2",
         d=reports[0].document,
@@ -138,8 +140,8 @@ def render_leaderboard(
         columns=[(group, heading(metric, protocol)) for group, metric in columns],
         groups=[OVERALL, *tiers],
         fact_names=fact_names,
-        rows=[row for row in rows if row["rank"] is not None],
-        controls=[row for row in rows if row["rank"] is None],
+        rows=[row for i, row in rows.items() if i in standing],
+        controls=[row for i, row in rows.items() if i not in standing],
         verdict=[verdict] if verdict else [],
         main=heading(main, protocol).label,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pyarrow as pa
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import Scores, evaluate, inspect, read_scores
+from pliant.evaluator import Scores, evaluate, inspect, read_scores, write_report
+from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.spec.errors import CallError, SpecError
 from tests.evaluator.figures import figure
@@ -119,6 +121,33 @@ def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) ->
     assert scores.document["coverage"] == 0
     assert scores.overall["rmse_px"] is None
     assert scores.overall["match_coverage"] == 0
+
+
+@pytest.fixture
+def three(scene: Any, tmp_path: Path) -> list[Scores]:
+    """Reports of three methods, of which the first has no match that counts."""
+    pair, uv_a, uv_b = true_matches(scene)
+    off = np.array([[1.0, 1.0]])  # never on the object
+    rows = {"none": ([0], off, off), "far": (pair, uv_a, uv_b + 9), "near": (pair, uv_a, uv_b)}
+    reports = []
+    for name, columns in rows.items():
+        path = scene.submit(
+            tmp_path / f"{name}.parquet", matches_table(*columns), kind="matches",
+            method={"name": name},
+        )  # fmt: skip
+        reports.append(evaluate(path, scene.root))
+        write_report(reports[-1], tmp_path / name)
+    return reports
+
+
+def test_a_method_without_a_value_has_no_rank(three: list[Scores]) -> None:
+    found = ranks(differences(three, ["rmse_px"]), ["none", "far", "near"])
+    assert found["overall", "rmse_px"] == [None, 2, 1]
+    for reports in (three, three[:2], three[:1]):
+        page = render_leaderboard(reports)
+        places = re.findall(r'data-key="(none|far|near)">.*?<td data-key="(\d*)">', page)
+        assert dict(places)["none"] == ""
+        assert len(places) == len(reports)
 
 
 def test_bad_rows_are_named(scene: Any, tmp_path: Path) -> None:
