@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
@@ -96,14 +97,15 @@ def check_comparable(reports: Sequence[Scores]) -> None:
 
 
 def method_names(reports: Sequence[Scores]) -> list[str]:
-    """Return the methods' names, distinguished by their files where they are equal."""
+    """Return the methods' names, distinguished by their files, and numbers, where equal."""
     names = [report.method for report in reports]
     result: list[str] = []
     for report, name in zip(reports, names, strict=True):
         if names.count(name) > 1:
             submission = report.document["submission"]
             name = f"{name} ({submission['file']}, {submission['sha256'][:8]})"
-        result.append(name)
+        copies = (f"{name}, {number}" for number in itertools.count(2))
+        result.append(name if name not in result else next(n for n in copies if n not in result))
     return result
 
 

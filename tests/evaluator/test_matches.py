@@ -12,7 +12,7 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import Scores, evaluate, inspect, read_scores, write_report
-from pliant.evaluator.comparison import differences, ranks
+from pliant.evaluator.comparison import differences, method_names, ranks
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.spec.errors import CallError, SpecError
 from tests.evaluator.figures import figure
@@ -148,6 +148,14 @@ def test_a_method_without_a_value_has_no_rank(three: list[Scores]) -> None:
         places = re.findall(r'data-key="(none|far|near)">.*?<td data-key="(\d*)">', page)
         assert dict(places)["none"] == ""
         assert len(places) == len(reports)
+
+
+def test_reports_of_one_file_have_ranks_of_their_own(three: list[Scores]) -> None:
+    _, far, near = three
+    reports = [far, far, near]
+    names = method_names(reports)
+    assert names[:2] == [names[0], f"{names[0]}, 2"]
+    assert ranks(differences(reports, ["rmse_px"]), names)["overall", "rmse_px"] == [2, 2, 1]
 
 
 def test_bad_rows_are_named(scene: Any, tmp_path: Path) -> None:
