@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -223,7 +224,8 @@ def fact_table(methods: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[li
 
 def _fact(field: str, value: Any) -> Fact:
     if field in ("seconds_per_pair", "training_hours"):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not 0 <= value <= sys.float_info.max:  # JSON has integers beyond it
             return Fact("", "")
         return Fact(f"{value:.3g}", repr(float(value)))
     if not isinstance(value, str) or not value.strip():

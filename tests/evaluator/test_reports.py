@@ -17,7 +17,7 @@ from pliant.cli.main import run
 from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.charts import interval_chart
-from pliant.evaluator.report.leaderboard import render_leaderboard
+from pliant.evaluator.report.leaderboard import fact_table, render_leaderboard
 from pliant.evaluator.report.verdict import board_verdict
 from pliant.spec.errors import CallError, SubmissionError
 from tests.evaluator.figures import figure
@@ -113,6 +113,13 @@ def test_facts_of_a_method_are_read_without_python(reports: Path, tmp_path: Path
     page = (tmp_path / "report" / "report.html").read_text()
     said = "masks: true, size: [160, 120], blur: (px: 1.5, by: null)"
     assert f"<dt>Method: input</dt><dd><code>{said}</code></dd>" in page
+
+
+@pytest.mark.parametrize("value", [10**400, -1, True, None, "2"])
+def test_a_number_that_is_none_is_no_fact(value: Any) -> None:
+    names, rows = fact_table([{"seconds_per_pair": value}, {"seconds_per_pair": 0.25}])
+    assert names == ["Answering, s per pair"]
+    assert [row[0].text for row in rows] == ["", "0.25"]
 
 
 def test_a_report_without_images_or_distribution_is_complete(
