@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,10 +89,8 @@ def _print_differences(
         title = f"{shown.in_text}, {group}"
         if all(item.verdict == "too few sequences" for item in items):
             without += items
-            sign = -1 if shown.better == "higher" else 1
-            offset = {item.method: sign * item.value for item in items if item.against == names[0]}
-            order = sorted(names, key=lambda name: offset.get(name, 0.0))
-            echo(f"{title}, best first: {', '.join(_with_values(scores, names, order, items[0]))}")
+            order = ", ".join(_in_order(scores, names, items[0]))
+            echo(f"{title}, best first: {order}")
             continue
         echo(title if shown.better == "neither" else f"{title}, {shown.better} is better")
         for item in items:
@@ -115,17 +114,15 @@ def _print_differences(
         )
 
 
-def _with_values(
-    scores: Sequence[Scores], names: Sequence[str], order: Sequence[str], item: Difference
-) -> list[str]:
-    """Return the methods with their scores by the metric and group of a difference."""
+def _in_order(scores: Sequence[Scores], names: Sequence[str], item: Difference) -> list[str]:
+    """Return the methods, best first, with their scores by the metric and group of a difference."""
     from pliant.evaluator.report.cells import heading
 
     shown = heading(item.metric, str(scores[0].document["protocol"]))
-    values = {
-        name: (each.overall if item.group == "overall" else each.tiers[item.group]).get(item.metric)
-        for name, each in zip(names, scores, strict=True)
-    }
-    return [
-        name if values[name] is None else f"{name} {shown.written(values[name])}" for name in order
+    sign = -1 if shown.better == "higher" else 1
+    groups = [
+        each.overall if item.group == "overall" else each.tiers[item.group] for each in scores
     ]
+    values = [(name, group.get(item.metric)) for name, group in zip(names, groups, strict=True)]
+    values.sort(key=lambda each: math.inf if each[1] is None else sign * each[1])
+    return [name if value is None else f"{name} {shown.written(value)}" for name, value in values]

@@ -150,6 +150,15 @@ def test_a_method_without_a_value_has_no_rank(three: list[Scores]) -> None:
         assert len(places) == len(reports)
 
 
+def test_compare_orders_methods_by_value_and_names_those_without_last(
+    three: list[Scores], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["compare", *(str(tmp_path / each.method) for each in three)]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "RMSE (px), rope" in line)
+    order = line.partition("best first: ")[2].split(", ")
+    assert [each.split()[0] for each in order] == ["near", "far", "none"]
+
+
 def test_reports_of_one_file_have_ranks_of_their_own(three: list[Scores]) -> None:
     _, far, near = three
     reports = [far, far, near]
