@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import multiprocessing
 from collections import deque
 from collections.abc import Iterator
@@ -212,7 +213,8 @@ class Surfaces:
         facts.steps_m[answered[found]] = queried.steps_m(under - material[points[found]])
         if not len(off):
             return
-        row, column, near = nearest_object_pixel(surface.on_object, at[off], int(self._reach_px))
+        around_px = math.ceil(self._reach_px)
+        row, column, near = nearest_object_pixel(surface.on_object, at[off], around_px)
         centre_px = np.stack([column, row], axis=1) + 0.5
         near &= np.hypot(*(centre_px - at[off]).T) <= self._reach_px
         off = off[near]

@@ -128,6 +128,14 @@ def test_what_is_not_wanted_is_not_looked_up() -> None:
     assert facts_of([[NAN, NAN]], point=[9]).known.tolist() == [True]
 
 
+def test_a_reach_need_not_be_whole_pixels() -> None:
+    """The middle of the last pixel of the object is 0.7 px from the answer, in the next pixel."""
+    near, far = (facts_of([[3.2, 1.5]], search_px=0, reach_px=reach) for reach in (0.75, 0.65))
+    assert not near.on_object[0]
+    assert near.steps_m.tolist() == [[0.5, 0]]
+    assert np.isnan(far.steps_m).all()
+
+
 def test_points_that_the_table_has_not() -> None:
     on = [[1.5, 1.5], [1.5, 1.5]]
     assert facts_of(on, point=[0, 3]).geodesic_m.tolist() == [0.5, math.hypot(1, 2)]
