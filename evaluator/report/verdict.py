@@ -36,8 +36,8 @@ def report_verdict(document: Mapping[str, Any]) -> list[str]:
         sentences.append(f"{note[:1].upper()}{note[1:]}.")
     elif document["submission"]["kind"] == "answers" and not document.get("hide_truth"):
         sentences.append(
-            "It is better than answering with the query's own pixel, with the middle of the "
-            "object, and with a random place on it."
+            "No control is better: answering with the query's own pixel, with the middle of the "
+            "object, or with a random place on it."
         )
     if "causes" in document:
         sentences += cause_sentences(document["causes"][OVERALL])

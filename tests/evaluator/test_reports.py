@@ -18,7 +18,7 @@ from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.charts import interval_chart
 from pliant.evaluator.report.leaderboard import fact_table, render_leaderboard
-from pliant.evaluator.report.verdict import board_verdict
+from pliant.evaluator.report.verdict import board_verdict, report_verdict
 from pliant.spec.errors import CallError, SubmissionError
 from tests.evaluator.figures import figure
 
@@ -113,6 +113,12 @@ def test_facts_of_a_method_are_read_without_python(reports: Path, tmp_path: Path
     page = (tmp_path / "report" / "report.html").read_text()
     said = "masks: true, size: [160, 120], blur: (px: 1.5, by: null)"
     assert f"<dt>Method: input</dt><dd><code>{said}</code></dd>" in page
+
+
+def test_a_method_that_equals_a_control_is_not_called_better_than_it() -> None:
+    submission = {"kind": "answers", "method": {"name": "unmoved"}}
+    said = report_verdict({"overall": {}, "submission": submission, "notes": {}})
+    assert [sentence.partition(":")[0] for sentence in said] == ["No control is better"]
 
 
 @pytest.mark.parametrize("value", [10**400, -1, True, None, "2"])
