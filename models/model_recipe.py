@@ -18,17 +18,17 @@ from typing import Any, Final, Literal, Self
 from pydantic import model_validator
 
 from pliant.models.don.ball_training import PICTURES, fit_ball
+from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don, training_data
 from pliant.models.export import RECIPE, export_run, portable
 from pliant.models.networks.ball_network import BALL
-from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
     Weights,
     latest_checkpoint,
-    load_weights,
     read_progress,
     read_weights_file,
     save_weights,
@@ -103,6 +103,7 @@ class MaskStage(Settings):
         of: What it finds.
         later: Steps of each cycle with pictures in other light and without colour.
         later_sets: Names of sets that only these cycles see.
+        widen: Double the network's channels for the last cycle.
         ball_sets: Names of sets that only the network for the ball sees, next to `sets`.
     """
 
@@ -111,6 +112,7 @@ class MaskStage(Settings):
     of: Literal["rope", "cloth"]
     later: tuple[Count, ...] = ()
     later_sets: tuple[str, ...] = ()
+    widen: bool = False
     ball_sets: tuple[str, ...] = ()
 
 
@@ -300,14 +302,14 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> No
                 steps=stage.steps,
                 later=stage.later,
                 later_sets=frames(stage.later_sets),
+                widen=stage.widen,
                 seed=seed,
                 sampling=SAMPLINGS[stage.of],
                 progress=progress,
             )
         save_weights(run / MASKS, network.state_dict())
     if stage.of == "rope" and not (run / BALL).is_file():
-        masks, sets = MaskNetwork(), frames((*stage.sets, *stage.ball_sets))
-        load_weights(masks, run / MASKS)
+        masks, sets = load_masks(run / MASKS), frames((*stage.sets, *stage.ball_sets))
         pictures = min(PICTURES, _MOST_SHOWN * sum(map(len, sets)))
         with watched("ball", pictures) as progress:
             ball = fit_ball(masks, sets, pictures=pictures, seed=seed, progress=progress)

@@ -98,9 +98,20 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     reader = matcher.reader
     if settings.answer.crossings:
         reader.crossings = _network_in(run / CROSSINGS, CrossingNetwork)
-    if (masks := _network_in(run / MASKS, MaskNetwork)) is not None:
-        reader.find_masks_with(masks, _network_in(run / BALL, BallNetwork))
+    if (run / MASKS).is_file():
+        reader.find_masks_with(load_masks(run / MASKS), _network_in(run / BALL, BallNetwork))
     return matcher
+
+
+def load_masks(path: Path) -> MaskNetwork:
+    """Return the network for masks that a file has the weights of.
+
+    Raises:
+        TrainingError: The file is missing, damaged or of another network.
+    """
+    network = MaskNetwork.like(read_weights_file(path))
+    load_weights(network, path)
+    return network
 
 
 def _network_in(path: Path, kind: type[N]) -> N | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Self
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.models.networks.unet import UNet
+from pliant.models.networks.widening import widen
 from pliant.spec.arrays import Float32Array, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
@@ -19,6 +21,10 @@ MASKS: Final = "masks.safetensors"
 ROPE_SIDE: Final = 640
 """Pixels of the longer side of a picture in which a rope is looked for."""
 
+NARROW: Final = (16, 32, 48, 64)
+WIDE: Final = (16, 64, 96, 128)
+"""Channels of the levels of a `MaskNetwork`, finest first."""
+
 CLOTH_SIDE: Final = 320
 """The same for a cloth, which has no thin parts, and of which all has to be seen at once."""
 
@@ -26,8 +32,20 @@ CLOTH_SIDE: Final = 320
 class MaskNetwork(UNet):
     """Logits of the object and of object or ball, float (N, 2, h, w), of pictures (N, 3, h, w)."""
 
-    def __init__(self) -> None:
-        super().__init__(3, 2, widths=(16, 32, 48, 64), global_blocks=1, patch=2)
+    def __init__(self, widths: Sequence[int] = NARROW) -> None:
+        super().__init__(3, 2, widths=widths, global_blocks=1, patch=2)
+
+    @classmethod
+    def like(cls, weights: Mapping[str, torch.Tensor]) -> Self:
+        """Return a network of the size of stored weights, which are not loaded."""
+        second = weights.get("encoder.1.conv1.weight", ())
+        return cls(WIDE if len(second) == WIDE[1] else NARROW)
+
+    def widened(self) -> MaskNetwork:
+        """Return a network with more channels that finds the same."""
+        wide = MaskNetwork(WIDE)
+        widen(self, wide)
+        return wide
 
     def found(self, rgb: Rgb, side: int = ROPE_SIDE) -> Float32Array:
         """Return the probabilities of a picture at the size that the network sees.

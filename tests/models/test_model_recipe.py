@@ -62,7 +62,7 @@ def test_every_shipped_model_has_a_recipe() -> None:
 def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
     recipe = read_recipe(RECIPES / "don-rope.yaml", ["steps=7", "batch=2"])
     assert known(recipe.masks).steps == 7
-    assert known(recipe.masks).later == (7,) * 4
+    assert known(recipe.masks).later == (7,) * 5
     assert recipe.stages["coarse"].settings["steps"] == 7
     assert read_recipe(RECIPES / "don-rope.yaml").masks.steps > 1000  # type: ignore[union-attr]
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy import ndimage
 
+from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import (
     SAMPLINGS,
     _faded,
@@ -19,9 +20,8 @@ from pliant.models.don.mask_training import (
     coloured,
     fit_masks,
 )
-from pliant.models.networks.mask_network import CLOTH_SIDE, MASKS, MaskNetwork
+from pliant.models.networks.mask_network import CLOTH_SIDE, MASKS, WIDE
 from pliant.models.shipped import FOLDER
-from pliant.models.training.checkpoint import load_weights
 from pliant.spec.frame import Frame
 from tests.models.don.test_segmentation import BALL, HEIGHT, ROPE, WIDTH, overlap, scene
 
@@ -31,8 +31,7 @@ def painted() -> Frame:
 
 
 def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
-    network = MaskNetwork()
-    load_weights(network, FOLDER / "don-rope" / MASKS)
+    network = load_masks(FOLDER / "don-rope" / MASKS)
     rgb, rope, ball, shadow = scene()
     p_rope, p_objects = network.found(rgb)
     assert p_objects[ball].mean() > 0.8
@@ -51,8 +50,7 @@ def test_the_shipped_network_finds_rope_and_ball_without_the_shadow() -> None:
 
 
 def test_the_shipped_network_finds_a_cloth_and_not_the_cable_on_it() -> None:
-    network = MaskNetwork()
-    load_weights(network, FOLDER / "don-cloth" / MASKS)
+    network = load_masks(FOLDER / "don-cloth" / MASKS)
     v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     cloth = (np.abs(u - 260) < 140) & (np.abs(v - 240) < 130)
     cable = np.abs(v - 60 - 0.5 * u - 30 * np.sin(u / 60)) < 6
@@ -170,17 +168,18 @@ def test_a_short_training_finds_a_rope() -> None:
     losses: list[float] = []
     network = fit_masks(
         [[frame]],
-        steps=80,
+        steps=100,
         later=(8, 8),
         seed=0,
         sampling=SAMPLINGS["rope"],
         progress=lambda step, figures: losses.append(figures["loss"]),
     )
-    assert len(losses) == 96
-    assert np.mean(losses[70:80]) < 0.5 * np.mean(losses[:10])
+    assert len(losses) == 116
+    assert np.mean(losses[90:100]) < 0.5 * np.mean(losses[:10])
     once, again = (
-        fit_masks([[frame]], steps=2, later=(2,), seed=0, sampling=SAMPLINGS["rope"])
+        fit_masks([[frame]], steps=2, later=(2,), widen=True, seed=0, sampling=SAMPLINGS["rope"])
         for _ in range(2)
     )
+    assert len(once.state_dict()["encoder.1.conv1.weight"]) == WIDE[1]
     torch.testing.assert_close(again.state_dict(), once.state_dict(), rtol=0, atol=0)
     assert overlap(network.found(frame.rgb)[0] > 0.5, ROPE) > 0.8
