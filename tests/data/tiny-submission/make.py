@@ -7,6 +7,7 @@ The golden score changes only when a protocol does; the reason then stands below
 1.0  First protocols. Query q of a pair is off by (0, 0), (3, 4), (6, 8) or (0, 0) px for
      q mod 4 = 0, 1, 2, 3.
 1.3  Intervals alone: both sequences of a pair are resampled.
+1.4  Intervals of the whole split alone: tiers of equal size are resampled independently.
 """
 
 from __future__ import annotations
