@@ -18,7 +18,17 @@ from pliant.spec.io.limits import MAX_IMAGE_SIDE_PX
 from pliant.spec.io.resizing import resize_rgb, with_longer_side
 
 SUFFIXES: Final = (
-    *(".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".avif", ".jp2", ".tga", ".bmp", ".gif"),
+    ".jpg",
+    ".jpeg",
+    ".png",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".avif",
+    ".jp2",
+    ".tga",
+    ".bmp",
+    ".gif",
 )
 """Endings of files that are taken for pictures when a folder is listed."""
 
