@@ -30,7 +30,7 @@ from pliant.spec.io.resizing import with_longer_side
 _WORKING_SIDE: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
 _DECIDED: Final = 0.9
-_LEAST_ROPE: Final = 0.03
+_LEAST_ROPE: Final = 0.2
 _MARGIN_PX: Final = 4
 _DARKEST: Final = -2.5
 _NO_CHROMA, _CHROMA = 0.2, 0.4  # of log r: below a shadow, above an object
