@@ -34,7 +34,7 @@ def protocol_text(name: str, path: Path | None = None, where: str | None = None)
         where: The place in them.
 
     Raises:
-        CallError: There is no such protocol.
+        CallError: A protocol is neither built in nor a file.
     """
     if name in PROTOCOL_NAMES:
         return (files("pliant.evaluator") / "protocols" / f"{name}.json").read_bytes()
@@ -54,7 +54,7 @@ def texts_of_protocols(phase: Phase, path: Path | None) -> list[bytes]:
         path: The rules that name it, for messages, or None.
 
     Raises:
-        CallError: There is no such protocol.
+        CallError: A protocol is neither built in nor a file.
     """
     where = f"phase {phase.name}, protocols"
     return [protocol_text(name, path, where) for name in phase.protocols]

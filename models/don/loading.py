@@ -19,8 +19,8 @@ from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.training.checkpoint import (
     best_weights,
-    load_best,
     load_weights,
+    put_weights,
     read_weights_file,
 )
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
@@ -70,12 +70,13 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     settings = settings.replace(
         network=settings.network.replace(pretrained=""), answer=settings.answer.replace(**options)
     )
-    canonical = None
+    best = best_weights(run)
+    weights, canonical = read_weights_file(best), None
     if settings.loss.canonical_weight > 0:
-        anchors = read_weights_file(best_weights(run)).get(PREFIX + "anchors", ())
+        anchors = weights.get(PREFIX + "anchors", ())
         canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
     network = don_network(settings, canonical)
-    load_best(network, run)
+    put_weights(network, weights, best)
     facts, calibration = read_run_json(run / RUN_FACTS), None
     if values := read_run_json(run / CALIBRATION):
         try:
@@ -109,8 +110,9 @@ def load_masks(path: Path) -> MaskNetwork:
     Raises:
         TrainingError: The file is missing, damaged or of another network.
     """
-    network = MaskNetwork.like(read_weights_file(path))
-    load_weights(network, path)
+    weights = read_weights_file(path)
+    network = MaskNetwork.like(weights)
+    put_weights(network, weights, path)
     return network
 
 

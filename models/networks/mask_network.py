@@ -21,12 +21,12 @@ MASKS: Final = "masks.safetensors"
 ROPE_SIDE: Final = 640
 """Pixels of the longer side of a picture in which a rope is looked for."""
 
+CLOTH_SIDE: Final = 320
+"""The same for a cloth, which has no thin parts, and of which all has to be seen at once."""
+
 NARROW: Final = (16, 32, 48, 64)
 WIDE: Final = (16, 64, 96, 128)
 """Channels of the levels of a `MaskNetwork`, finest first."""
-
-CLOTH_SIDE: Final = 320
-"""The same for a cloth, which has no thin parts, and of which all has to be seen at once."""
 
 
 class MaskNetwork(UNet):

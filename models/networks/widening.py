@@ -24,10 +24,10 @@ def widen(narrow: UNet, wide: UNet) -> None:
         narrow: A network.
         wide: One with as many or twice as many channels at each level; it is changed.
     """
-    shapes = {name: values.shape for name, values in wide.state_dict().items()}
-    weights = {name: _wider(each, shapes[name]) for name, each in narrow.state_dict().items()}
+    given, shapes = narrow.state_dict(), {k: v.shape for k, v in wide.state_dict().items()}
+    weights = {name: _wider(values, shapes[name]) for name, values in given.items()}
     for name, values in weights.items():
-        if ".qkv." in name and values.shape != narrow.state_dict()[name].shape:
+        if ".qkv." in name and values.shape != given[name].shape:
             # Twice as many channels double the products of queries and keys; attention divides
             # them by the square root of that number.
             values[: 2 * len(values) // 3] *= 2**-0.25

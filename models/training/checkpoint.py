@@ -8,7 +8,8 @@ folder is written under another name and renamed, so a checkpoint is there or it
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +25,7 @@ from pliant.spec.io.writing import replacing
 
 CHECKPOINTS: Final = "checkpoints"
 BEST: Final = "best.safetensors"
+_STATE: Final = "state.json"
 
 Weights = dict[str, torch.Tensor]
 
@@ -91,7 +93,15 @@ def load_weights(network: torch.nn.Module, path: Path) -> None:
     Raises:
         TrainingError: The weights are missing, damaged or of another network.
     """
-    weights = read_weights_file(path)
+    put_weights(network, read_weights_file(path), path)
+
+
+def put_weights(network: torch.nn.Module, weights: Weights, path: Path) -> None:
+    """Give a network weights that were read from a file, and make it answer.
+
+    Raises:
+        TrainingError: They are of another network.
+    """
     try:
         network.load_state_dict(weights)
     except RuntimeError as error:
@@ -151,7 +161,7 @@ def save_checkpoint(run: Path, state: TrainingState) -> None:
         save_weights(place / "weights.safetensors", state.weights)
         save_weights(place / "average.safetensors", state.average)
         save_weights(place / "optimiser.safetensors", tensors)
-        (place / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+        (place / _STATE).write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
     remove_others(folder)
 
 
@@ -192,9 +202,8 @@ def read_checkpoint(folder: Path) -> TrainingState:
     Raises:
         TrainingError: A file of it is missing or damaged.
     """
-    path = folder / "state.json"
-    try:
-        document = json.loads(path.read_text())
+    with _undamaged(folder):
+        document = _document(folder)
         return TrainingState(
             step=document["step"],
             weights=read_weights_file(folder / "weights.safetensors"),
@@ -208,7 +217,32 @@ def read_checkpoint(folder: Path) -> TrainingState:
             data=document["data"],
             settings=document.get("settings", {}),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+
+
+def checkpoint_settings(folder: Path) -> dict[str, Any]:
+    """Return the settings of a checkpoint without reading its tensors; empty if it has none.
+
+    Args:
+        folder: From `latest_checkpoint`.
+
+    Raises:
+        TrainingError: It is damaged.
+    """
+    with _undamaged(folder):
+        return dict(_document(folder).get("settings", {}))
+
+
+def _document(folder: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((folder / _STATE).read_text())
+    return document
+
+
+@contextmanager
+def _undamaged(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        path = folder / _STATE
         raise TrainingError(
             "the checkpoint is damaged", path=path, found=repr(error), fix="Remove its folder."
         ) from error
@@ -221,7 +255,7 @@ def read_progress(run: Path) -> dict[str, Any]:
         SpecError: It is damaged.
     """
     folder = latest_checkpoint(run)
-    return read_json(folder / "state.json") if folder else {}
+    return read_json(folder / _STATE) if folder else {}
 
 
 def _split(optimiser: dict[str, Any]) -> tuple[Weights, dict[str, Any]]:

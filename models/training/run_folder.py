@@ -15,9 +15,9 @@ from filelock import FileLock, Timeout
 
 from pliant.models.training.checkpoint import (
     BEST,
+    checkpoint_settings,
     checkpoint_to_resume,
     latest_checkpoint,
-    read_checkpoint,
 )
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
@@ -120,7 +120,7 @@ def begun_settings(run: Path, method: type[Chosen]) -> Chosen:
     folder = checkpoint_to_resume(run)
     try:
         begun = read_settings(method, run / CONFIG)
-        values = read_checkpoint(folder).settings
+        values = checkpoint_settings(folder)
         return settings_from(method, values, path=folder) if values else begun
     except SettingsError as error:
         raise TrainingError(

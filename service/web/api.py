@@ -72,7 +72,10 @@ class ChallengeView(BaseModel):
 
 
 class Sending(BaseModel):
-    """How a file is sent. A misspelt name is refused: it would charge what should be checked."""
+    """Query parameters of an upload; unknown ones are refused.
+
+    With a misspelt `check_only`, an attempt would be charged.
+    """
 
     model_config = ConfigDict(extra="forbid")
 

@@ -248,16 +248,17 @@ class _SplitCheck:
             if tier != pair["tier"]:
                 problems[index].append(f"tier is {tier[:40]!r}; required: {pair['tier']}")
         boxes = answers["box_px"]
+        finite, positive = np.isfinite(boxes), np.isfinite(boxes) & (boxes > 0)
         for code, bad in (
-            ("VALUE_NOT_FINITE", ~np.isfinite(boxes)),
-            ("VALUE_OUT_OF_RANGE", np.isfinite(boxes) & ~(boxes > 0)),
+            ("VALUE_NOT_FINITE", ~finite),
+            ("VALUE_OUT_OF_RANGE", finite & ~positive),
         ):
             self.of_truth.add_rows(
                 code, bad, lambda i: (f"{where[i]}, box_px", f"found {boxes[i]}; required: > 0")
             )
         box = self.sequences[pair["sequence_b"]].boxes_px[int(pair["frame_b"])]
         if np.isfinite(box):
-            for index in np.flatnonzero((boxes != box) & np.isfinite(boxes) & (boxes > 0)):
+            for index in np.flatnonzero((boxes != box) & positive):
                 problems[index].append(f"box_px is {boxes[index]}; the depth image gives {box}")
         tracks = self._tracks_of(pair["sequence_b"])
         if tracks is not None and point is not None:

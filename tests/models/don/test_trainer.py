@@ -128,7 +128,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
     # The config that was stored is the one that ran, its tier named.
     stored = settings_to_dict(read_settings(DonSettings, run / "config.yaml"))
     assert stored == settings_to_dict(don("tier=sheet"))
-    # It is no begun run to overwrite where its checkpoints were removed to save space.
+    # A finished run is not overwritten either where its checkpoints were removed.
     shutil.rmtree(run / "checkpoints")
     with pytest.raises(CallError, match="must be empty"):
         train_don(sheet_dataset, run, don())
