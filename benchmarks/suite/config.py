@@ -92,6 +92,8 @@ class Test(Settings):
         runs: Names of trainings.
         shipped: Names of models that come with the package: the whole recipes, trained once; and
             `fused:NAME`, optical flow that such a model corrects.
+        answer: How the shipped models answer, instead of what their configs say: `answer.*` of a
+            training, such as `blank_square: any`. Their rows name it.
         protocols: Protocols to score by, the table's first; `matches` applies to the methods
             with keypoint matches.
         tracks: What methods are given; each track is a block of its own. In tracks with masks, a
@@ -108,6 +110,7 @@ class Test(Settings):
     methods: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
     shipped: tuple[str, ...] = ()
+    answer: Mapping[str, Any] = dict()
     protocols: Annotated[tuple[str, ...], NotEmpty()] = ("standard", "matches")
     tracks: tuple[Masks, ...] = ("none", "segmenter", "given")
     figures: tuple[str, ...] = ()
@@ -376,6 +379,10 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
             known(name, METHODS, f"tests.{key}.methods")
         for name in test.shipped:
             known(model_of(name), shipped_names(), f"tests.{key}.shipped")
+        if test.answer and is_installed("torch"):
+            from pliant.models.don.settings import AnswerSettings
+
+            settings_from(AnswerSettings, test.answer, f"tests.{key}.answer", path=path)
         for name in test.protocols:
             known(name, PROTOCOL_NAMES, f"tests.{key}.protocols")
         for name in test.figures:

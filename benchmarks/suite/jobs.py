@@ -11,7 +11,7 @@ import multiprocessing
 import shutil
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,7 @@ class AnswerJob:
         answers: Kind (`answers`, `matches`) -> submission to write.
         scores: Protocol -> folder of the report.
         threads: CPU threads.
+        options: How a learned method answers, instead of what its config says.
     """
 
     entry: Entry
@@ -71,6 +72,7 @@ class AnswerJob:
     answers: Mapping[Kind, Path]
     scores: Mapping[str, Path]
     threads: int
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ def _answer(job: AnswerJob, meter: Meter, progress: Progress) -> dict[str, Any]:
         from pliant.models.timecycle.carried import CarriedPoints
 
         torch.set_num_threads(job.threads or torch.get_num_threads())
-        matcher = load_matcher(job.run)
+        matcher = load_matcher(job.run, **job.options)
         if job.entry.method.startswith(FUSED):
             matcher = FusedTracker(matcher)
         elif job.entry.method.startswith(CARRIED):

@@ -185,7 +185,8 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
         }
         run = _run_folder(work, test, entry.method)
         data = work.set_path(asked.set)
-        every[asked.stage] = AnswerJob(entry, run, data, answers, scores, threads)
+        options = test.answer if entry.method in test.shipped else {}
+        every[asked.stage] = AnswerJob(entry, run, data, answers, scores, threads, options)
     jobs: dict[str, Job] = {
         stage.removeprefix("answer/"): job
         for stage, job in every.items()
@@ -213,7 +214,7 @@ def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     if method in test.shipped:
         folder = FOLDER / model_of(method)
         files = sorted(path for path in folder.iterdir() if path.name != CARD)
-        return digest([sha256_file(path) for path in files])
+        return digest([sha256_file(path) for path in files], test.answer)
     return method
 
 

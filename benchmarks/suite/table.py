@@ -133,7 +133,8 @@ def _label(config: BenchmarkConfig, test: Test, entry: Entry) -> str:
     if method in config.runs:
         return config.runs[method].label + blank
     if method in test.shipped:
-        return f"{method}, as shipped{blank}"
+        options = ", ".join(f"{name}={value}" for name, value in test.answer.items())
+        return f"{method}, {options or 'as shipped'}{blank}"
     name = method.replace("-", " ").capitalize()
     return _LABELS.get(method, method.upper() if method in CLASSICAL else name)
 

@@ -129,6 +129,7 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
             },
             "comparisons.0.metric: unknown name; found rmse",
         ),
+        ({"tests": {"t": {**TEST, "answer": {"rotation": 2}}}}, "t.answer.rotation: .*'rotations'"),
         ({"tests": {"t": {**TEST, "tier": "roope"}}}, "t.tier: .*roope.*Did you mean 'rope'"),
         (
             {"sets": {"rope": {"tiers": ["rope"], "splits": {"val": 3}}}, "tests": {"t": TEST}},

@@ -128,8 +128,9 @@ def test_table_and_page(config_file: Path, made: Made) -> None:
     assert shipped["label"] == "don-rope, as shipped"
     assert shipped["train_cpu_s"] is None
     (fused,) = (row for row in table["rows"] if row["method"] == "fused:don-rope")
-    assert fused["label"] == "fused:don-rope, as shipped"
-    assert (out / "answers" / "rope" / "fused-don-rope--none.parquet").is_file()
+    assert fused["label"] == "fused:don-rope, margin_px=2"
+    footer = read_footer(out / "answers" / "rope" / "fused-don-rope--none.parquet")
+    assert footer["method"]["matcher"]["answer"]["margin_px"] == 2
     assert rows["clean", "small", "none", False]["train_cpu_s"] > 0
     assert {row["method"] for row in rows.values() if "matches" in row["scores"]} == {"sift"}
     blank = rows["clean", "don-rope", "given", True]
