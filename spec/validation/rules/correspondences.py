@@ -223,9 +223,8 @@ def check_projection(
     front = z > 1e-6
     K = camera.K
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        focal = max(K[0, 0], K[1, 1])
-        tilt = 1 + np.abs(uv - K[[0, 1], 2]).max(axis=1) / min(K[0, 0], K[1, 1])
-        rounding = 3e-7 * (focal * tilt * size / z + np.abs(uv).max(axis=1))
+        slope = max(K[0, 0], K[1, 1]) + np.abs(uv - K[[0, 1], 2]).max(axis=1)
+        rounding = 3e-7 * (slope * size / z + np.abs(uv).max(axis=1))
         gap = np.abs(rows.uv_px - uv).max(axis=1)
         off = front & ~(gap <= PIXEL_TOLERANCE + rounding)
     problems.add_rows(

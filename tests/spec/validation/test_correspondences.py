@@ -30,8 +30,8 @@ FAR[0, 3] = -1e4
 """At x = 10 km: what float32 rounds there is seen."""
 
 
-def camera(pose: Any = FRONT, centre: tuple[float, float] = (32, 24)) -> Camera:
-    K = np.array([[100.0, 0, centre[0]], [0, 150, centre[1]], [0, 0, 1]])
+def camera(pose: Any = FRONT, centre: tuple[float, float] = (32, 24), fx: float = 100.0) -> Camera:
+    K = np.array([[fx, 0, centre[0]], [0, 150, centre[1]], [0, 0, 1]])
     return Camera(K, pose, SIZE)
 
 
@@ -87,11 +87,13 @@ def test_depth_is_that_of_the_position(
     [
         # 0.01 px; 3e-7 of 150 px (the larger focal length) and of the largest of u and v.
         (camera(), (0, 0, 2), 0.01 + 3e-7 * (150 + 32)),
-        (camera(), (0.2, 0.3, 2), 0.01 + 3e-7 * (150 * (1 + 22.5 / 100) + 46.5)),
-        # 10 km over 2 m, and a ray 45 or 68 degrees from the axis: 100 or 150 px over 100 px.
-        (camera(FAR), (1e4 + 2, 0, 2), 0.01 + 3e-7 * (150 * 2 * 5001 + 132)),
-        (camera(FAR), (1e4, 2, 2), 0.01 + 3e-7 * (150 * 2.5 * 5000 + 174)),
-        (camera(FAR), (1e4, 1, 1), 0.01 + 3e-7 * (150 * 2.5 * 10000 + 174)),
+        (camera(), (0.2, 0.3, 2), 0.01 + 3e-7 * (150 + 22.5 + 46.5)),
+        # 10 km over 2 m, and a place 100 or 150 px from the axis.
+        (camera(FAR), (1e4 + 2, 0, 2), 0.01 + 3e-7 * (250 * 5001 + 132)),
+        (camera(FAR), (1e4, 2, 2), 0.01 + 3e-7 * (300 * 5000 + 174)),
+        (camera(FAR), (1e4, 1, 1), 0.01 + 3e-7 * (300 * 10000 + 174)),
+        # A focal length far too small does not widen what rounding explains.
+        (camera(fx=1e-300), (0.2, 0.3, 2), 0.01 + 3e-7 * (150 + 22.5 + 46.5)),
         # The image of a camera whose axis is a million pixels away.
         (camera(centre=(1e6, 24)), (0, 0, 2), 0.01 + 3e-7 * (150 + 1e6)),
         (camera(centre=(32, 2e6)), (0, 0, 2), 0.01 + 3e-7 * (150 + 2e6)),
