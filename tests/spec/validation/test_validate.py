@@ -20,6 +20,7 @@ from pliant.cli.validate import command
 from pliant.spec.errors import CallError
 from pliant.spec.validation.validate import validate
 from tests.conformance.edits import (
+    FOLDERS,
     ROPE_TEST,
     ROPE_TRAIN,
     change_json,
@@ -30,6 +31,8 @@ from tests.conformance.edits import (
 )
 
 Copy = Callable[[str], Path]
+
+CLOTH = FOLDERS["CLOTH"]
 
 
 def spoil(root: Path) -> None:
@@ -68,6 +71,20 @@ def test_quick_leaves_images_and_geometry_alone(copy_of: Copy) -> None:
     change_rows("queries/test.parquet", lambda rows: rows[0].update(u_a=0.25))(root)
     quick = validate(root, quick=True)
     assert set(quick.counts) == {"CHECKSUM_DIFFERS", "QUERY_NOT_VISIBLE"}
+
+
+@pytest.mark.parametrize("change", [("K", 0, 0, 1e-300), ("world_to_camera", 0, 3, 1e300)])
+def test_absurd_cameras_give_issues_alone(
+    copy_of: Copy, change: tuple[str, int, int, float]
+) -> None:
+    """No warning of NumPy, which would be an error here."""
+    root, (name, row, column, value) = copy_of("minimal"), change
+
+    def set_value(document: dict[str, Any]) -> None:
+        document["frames"][0][name][row][column] = value
+
+    listed(change_json(f"{CLOTH}/cameras.json", set_value))(root)
+    assert validate(root).counts == {"REPROJECTION_DISAGREES": 81}
 
 
 def test_wrong_calls(tmp_path: Path) -> None:
