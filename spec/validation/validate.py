@@ -165,6 +165,9 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     if is_newer_minor(info["spec_version"]):
         text = f"found {info['spec_version']}; this validator knows {SPEC_VERSION}"
         problems.add("SPEC_VERSION_NEWER", "spec_version", text)
+    for split in info.get("held_out", ()):
+        if split not in info["splits"]:
+            problems.add("SPLIT_UNKNOWN", "held_out", f"{split} is none of {info['splits']}")
     before = findings.counts.get("TIER_INVALID", 0)
     tiers = [Tier.from_document(entry) for entry in info["tiers"]]
     check_tiers(tiers, problems)

@@ -24,6 +24,7 @@ class Context:
         splits: The splits declared.
         held_out: Those of them published without their truth.
         identity: `id` and `version` of the dataset.
+        seeded: Whether it states its seed; otherwise no sequence does.
     """
 
     root: Path
@@ -34,6 +35,7 @@ class Context:
     splits: tuple[str, ...]
     held_out: frozenset[str]
     identity: dict[str, str]
+    seeded: bool
 
     @classmethod
     def of(cls, root: Path, info: dict[str, Any], tiers: Iterable[Tier], quick: bool) -> Context:
@@ -47,4 +49,5 @@ class Context:
             splits=tuple(info["splits"]),
             held_out=frozenset(info.get("held_out", ())),
             identity={name: info[name] for name in ("id", "version")},
+            seeded=info["provenance"]["seed"] is not None,
         )

@@ -146,18 +146,18 @@ def check_files(files: SequenceFiles, info: dict[str, Any], *, held_out: bool) -
             document.add("PATH_UNSAFE", where, f"{name[:120]!r} does not stay in the folder")
         elif name in files.hashes:
             document.add("FILE_UNLISTED", where, f"{name[:120]} is listed twice")
+        elif name == layout.SEQUENCE_JSON:
+            text = f"{name} lists itself; required: every other file"
+            document.add("FILE_UNLISTED", where, text)
         elif name not in required and name not in files.present:
             files.at(printable(name)[:200]).add("FILE_MISSING", "", "listed, not there")
         else:
             files.hashes[name] = (entry["sha256"], entry["bytes"])
     unsafe = {issue.path for issue in files.findings.issues if issue.code == "PATH_UNSAFE"}
     for name in sorted(required):
-        if name not in files.present:
-            if f"{files.shown}/{name}" not in unsafe:
-                text = f"a sequence of {info['frames']} frames must hold this file"
-                files.at(name).add("FILE_MISSING", "", text)
-        elif name not in files.hashes:
-            document.add("FILE_UNLISTED", "files", f"{name} is not listed")
+        if name not in files.present and f"{files.shown}/{name}" not in unsafe:
+            text = f"a sequence of {info['frames']} frames must hold this file"
+            files.at(name).add("FILE_MISSING", "", text)
     extra = files.present - required - {layout.SEQUENCE_JSON}
     if held_out:
         for name in sorted(extra & telling):
@@ -165,6 +165,8 @@ def check_files(files: SequenceFiles, info: dict[str, Any], *, held_out: bool) -
             files.at(name).add("HELD_OUT_LEAKS", "", text)
         extra -= telling | {layout.CAMERAS_JSON}
         extra -= _recorded(files, info, extra)
+    for name in sorted(files.present - extra - {layout.SEQUENCE_JSON} - set(files.hashes)):
+        document.add("FILE_UNLISTED", "files", f"{name} is not listed")
     report_extra(files.findings, files.shown, extra, f"{info['frames']} frames need no such file")
 
 
@@ -177,9 +179,6 @@ def _recorded(files: SequenceFiles, info: dict[str, Any], extra: set[str]) -> se
         for name in sorted(names - present) if present else ():
             text = "other frames of the sequence have such a file"
             files.at(name).add("FILE_MISSING", "", text)
-        for name in sorted(present - set(files.hashes)):
-            text = f"{name} is not listed"
-            files.at(layout.SEQUENCE_JSON).add("FILE_UNLISTED", "files", text)
         found |= present
     return found
 

@@ -56,6 +56,10 @@ def check_listing(
             continue
         rows[name] = row
         _check_row(context, row, where, problems)
+    if listed is not None:
+        for split in sorted(set(context.splits) - set(listed["split"].to_pylist())):
+            text = f"dataset.json declares the split {split}, and no sequence is of it"
+            problems.add("ROW_MISSING", "split", text)
     _compare_folders(context, rows, folders, findings)
     return rows
 
@@ -76,6 +80,7 @@ def _check_row(context: Context, row: dict[str, Any], where: str, problems: File
     ranges: list[tuple[str, bool, str]] = [
         ("frames", 1 <= row["frames"] <= limits.MAX_FRAMES, f"1 to {limits.MAX_FRAMES}"),
         ("seed", row["seed"] >= 0, ">= 0"),
+        ("seed", row["seed"] <= 0 or context.seeded, "0: provenance.seed of dataset.json is null"),
         ("style", is_name(row["style"]), "a name of letters, digits, ., _ and -"),
     ]
     for name, highest in (("coverage", math.inf), ("self_occluded", 1.0)):

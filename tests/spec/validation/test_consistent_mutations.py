@@ -17,7 +17,7 @@ from _pytest.mark import ParameterSet
 
 from pliant.spec.io.yamlfiles import read_yaml
 from pliant.spec.validation.validate import Report, validate
-from tests.conformance.edits import change_rows, listed
+from tests.conformance.edits import change_json, change_rows, listed
 from tests.conformance.steps import perform
 
 MUTATIONS: list[dict[str, Any]] = read_yaml(Path(__file__).with_name("mutations.yaml"))
@@ -37,6 +37,7 @@ def pair(rendered_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     shutil.copytree(rendered_dataset, root, ignore=ignored)
     kept = {path.name for path in root.glob("sequences/*/*")}
     change_rows("sequences.parquet", lambda rows: [row for row in rows if row["id"] in kept])(root)
+    change_json("dataset.json", lambda document: document.update(splits=["train"]))(root)
     return root
 
 

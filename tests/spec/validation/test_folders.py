@@ -151,10 +151,15 @@ UNLISTED = ("FILE_UNLISTED", "s/sequence.json", "files")
         ),
         ((*WHOLE, "x"), (*WHOLE, "x"), False, [("FILE_EXTRA", "s/x", "")]),
         (
+            WHOLE, (*WHOLE, "sequence.json"), False,
+            [("FILE_UNLISTED", "s/sequence.json", "files[7]")],
+        ),
+        (
             (*WHOLE, *MASKS), (*WHOLE, *MASKS), False, [("FILE_EXTRA", f"s/{m}", "") for m in MASKS]
         ),
         (PICTURES, PICTURES, True, []),
         ((*PICTURES, "cameras.json"), (*PICTURES, "cameras.json"), True, []),
+        ((*PICTURES, "cameras.json"), PICTURES, True, [UNLISTED]),
         ((*PICTURES, *MASKS, *CAMERA_DEPTHS), (*PICTURES, *MASKS, *CAMERA_DEPTHS), True, []),
         (PICTURES[1:], PICTURES, True, missing(PICTURES[0])),
         (

@@ -21,7 +21,7 @@ def listed(root: Path, *rows: dict[str, Any], folders: dict[str, set[str]]) -> t
     tiers = [TIERS["rope"], TIERS["rope-bare"]]
     write_dataset(root, "d", rows, tiers, (64, 48))
     findings = Findings()
-    used = check_listing(context(root), folders, findings)
+    used = check_listing(context(root, splits=("train",)), folders, findings)
     return used, found(findings)
 
 
@@ -79,6 +79,21 @@ def test_sequences_and_folders_are_the_same(tmp_path: Path) -> None:
     ]
 
 
+def test_no_sequence_tells_a_seed_that_the_dataset_does_not(tmp_path: Path) -> None:
+    rows = [row("a", seed=0), row("b", seed=3)]
+    write_dataset(tmp_path, "d", rows, [TIERS["rope"]], (64, 48))
+    findings = Findings()
+    check_listing(context(tmp_path, splits=("train",), seeded=False), FOLDERS, findings)
+    assert found(findings) == [("VALUE_OUT_OF_RANGE", "sequences.parquet", "row 1, seed")]
+
+
+def test_each_declared_split_has_a_sequence(tmp_path: Path) -> None:
+    write_dataset(tmp_path, "d", [row("a")], [TIERS["rope"]], (64, 48))
+    findings, where = Findings(), ("sequences.parquet", "split")
+    check_listing(context(tmp_path, splits=("val", "train", "test")), {"rope": {"a"}}, findings)
+    assert found(findings) == [("ROW_MISSING", *where)] * 2
+
+
 def test_a_list_that_cannot_be_used(tmp_path: Path) -> None:
     (tmp_path / "sequences.parquet").write_bytes(b"x")
     findings = Findings()
@@ -90,7 +105,8 @@ def test_the_footer_names_this_dataset(tmp_path: Path) -> None:
     write_dataset(tmp_path, "d", [row("a")], [TIERS["rope"]], (64, 48))
     for name, version, wrong in (("d", "1.0.0", 0), ("e", "1.0.0", 1), ("d", "1.0.1", 1)):
         findings = Findings()
-        facts = context(tmp_path, identity={"id": name, "version": version})
+        identity = {"id": name, "version": version}
+        facts = context(tmp_path, identity=identity, splits=("train",))
         check_listing(facts, {"rope": {"a"}}, findings)
         expected = [("IDENTITY_DIFFERS", "sequences.parquet", "footer dataset")] * wrong
         assert found(findings) == expected

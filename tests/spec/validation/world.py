@@ -59,6 +59,7 @@ def context(root: Path = Path(), **changes: Any) -> Context:
         "root": root, "files": LocalFiles(root), "quick": False, "size": SIZE,
         "tiers": {"rope": None, "rope-bare": None}, "splits": ("train", "test"),
         "held_out": frozenset(), "identity": {"id": "d", "version": "1.0.0"},
+        "seeded": True,
     }  # fmt: skip
     return Context(**facts | changes)
 
