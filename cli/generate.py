@@ -84,7 +84,7 @@ def command(
 
     Run the same command again to resume after an interruption. --sequences may be raised and TIERs
     added later; other settings are refused for an existing folder. Exit code 1 if a sequence
-    failed three times; the other sequences are kept.
+    could not be made; the other sequences are kept.
     """
     from pliant.generator.runner.run import generate
 
@@ -263,7 +263,7 @@ def _report(summary: Summary, as_json: bool) -> None:
     )
     for each in summary.failed:
         last = each.error.splitlines()[-1]
-        echo(f"FAILED {each.id} after {each.attempts} attempts: {last}", err=True)
+        echo(f"FAILED {each.id} after {plural(each.attempts, 'attempt')}: {last}", err=True)
     if summary.failed:
         echo(
             f"{len(summary.failed)} sequences are missing; tracebacks in "

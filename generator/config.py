@@ -161,6 +161,8 @@ class GenerateConfig(Settings):
                 raise Refused("an episode (--episodes)", name)
         if asked.skips and (asked.kind == "track" or max(asked.skips) >= self.frames):
             raise Refused(f"kind pairs, and skips below frames ({self.frames})", "queries.skips")
+        if self.cloth.sides == "alternate" and self.episodes:
+            raise Refused("any for episodes", "cloth.sides")
         if self.scene.distractors[1] and self.episodes:
             raise Refused(
                 "(0, 0) for episodes: their physics knows one object", "scene.distractors"

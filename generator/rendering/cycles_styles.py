@@ -147,7 +147,7 @@ class CyclesRenderer:
         """Render and return float32 (H, W, 4), linear, premultiplied."""
         passes = blender.render_passes(self._scene)
         if "Combined" not in passes:
-            raise GenerationError("Cycles returned no image")
+            raise RuntimeError("Cycles returned no image")
         return passes["Combined"]
 
     def _add_table(self, reflectance: Linear, span_m: float) -> Any:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 from pliant.generator.seeding import SequenceTask
+from pliant.spec.errors import PliantError
 
 STAGES: Final = ("sample", "pose", "truth", "render", "noise", "encode", "tables")
 """What making a sequence consists of, as timed."""
@@ -85,11 +86,13 @@ class Failed:
     Attributes:
         error: Traceback, or how the worker died.
         fatal: Why the whole run must stop (disk full …), None for a failure of this sequence.
+        settled: Every attempt would fail in this way: the settings are to blame.
     """
 
     task: SequenceTask
     error: str
     fatal: str | None = None
+    settled: bool = False
 
 
 Event = Rendered | Finished | Failed
@@ -132,10 +135,12 @@ def attempt(
 def failure(task: SequenceTask, error: Exception) -> Failed:
     """Return the event of an exception, fatal where the output folder is to blame."""
     fatal = None
+    settled = isinstance(error, PliantError)
     cause: BaseException | None = error
     while cause is not None and fatal is None:
+        settled &= not isinstance(cause, OSError)
         if isinstance(cause, OSError) and cause.errno in FATAL_ERRNOS:
             fatal = os.strerror(cause.errno) + (f" ({cause.filename})" if cause.filename else "")
         cause = cause.__cause__ or cause.__context__
     text = "".join(traceback.format_exception(error)).rstrip()
-    return Failed(task, text, fatal)
+    return Failed(task, text, fatal, settled)

@@ -106,7 +106,7 @@ class RunState:
     Attributes:
         plan: What the run set out to do.
         sequences: Sequences in place, those of earlier runs included.
-        frames: Frames rendered in this run.
+        frames: Frames rendered in this run, without those of failed attempts.
         frames_wanted: Frames this run has to render.
         bytes: Bytes this run wrote.
         failures: Failed attempts so far.

@@ -7,6 +7,7 @@ import logging
 import os
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -163,22 +164,28 @@ def _make_missing(
     state: RunState,
     show: Callable[[RunState], None],
 ) -> list[Failure]:
-    """Make the missing sequences; those that fail are tried again after all others."""
+    """Make the missing sequences; those that fail are tried again after all others.
+
+    An error that follows from the settings would be the same again, and is not tried again.
+    """
     tasks = plan.missing
     failed: dict[str, Failure] = {}
+    unfinished: Counter[str] = Counter()  # frames of the sequences in work
     show(state)
     for number in range(1, ATTEMPTS + 1):
         again: list[SequenceTask] = []
-        failed.clear()
         with closing(engine.events(tasks, open_maker)) as events:
             for event in events:
                 if isinstance(event, Rendered):
                     state.frames += event.frames
+                    unfinished[event.task.id] += event.frames
                 elif isinstance(event, Finished):
                     _require_here(root, event)
                     _count(state, event)
+                    failed.pop(event.task.id, None)
                 else:
                     state.failures += 1
+                    state.frames -= unfinished.pop(event.task.id, 0)
                     logger.error("%s, attempt %d: %s", event.task.id, number, event.error)
                     if event.fatal is not None:
                         raise GenerationError(
@@ -187,7 +194,8 @@ def _make_missing(
                             found=event.fatal,
                             fix=_kept(state.sequences, len(plan.tasks)),
                         )
-                    again.append(event.task)
+                    if not event.settled:
+                        again.append(event.task)
                     failed[event.task.id] = Failure(event.task.id, number, event.error)
                 show(state)
         if not again:

@@ -38,6 +38,7 @@ REFUSED = {
     "episodes=true frames=15 queries.skips=[1,15]": "queries.skips",
     "episodes=true frames=24 queries.skips=[1] queries.kind=track": "queries.skips",
     "episodes=true frames=3 scene.distractors=[2,3]": "scene.distractors",
+    "episodes=true frames=3 cloth.sides=alternate": "cloth.sides",
     # Ropes
     "rope.length_m=0.5": "rope.radius_m",
     "rope.radius_m=0.05": "rope.radius_m",

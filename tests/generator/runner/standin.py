@@ -29,6 +29,7 @@ from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
 from pliant.spec.camera import Camera
+from pliant.spec.errors import GenerationError
 from pliant.spec.io.exr import Surface
 from pliant.spec.io.reading import sha256_file
 
@@ -94,6 +95,8 @@ class StandInMaker(SequenceMaker):
         fault = self.faults.get(task.id)
         if fault == "raise":
             raise ValueError("no such knot")
+        if fault == "impossible":
+            raise GenerationError("no rope fits", path="rope.yaml")
         if fault == "segfault":
             os.kill(os.getpid(), signal.SIGSEGV)
         if fault == "full":

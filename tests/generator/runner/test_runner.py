@@ -165,6 +165,30 @@ def test_failures_are_counted_named_and_made_up_later(fault, uninterrupted, tmp_
     assert not (out / ".pliant" / "failures.json").exists()
 
 
+def test_what_the_settings_make_impossible_is_tried_once(tmp_path):
+    faults = {"rope-test-000001": "impossible", "rope-train-000001": "raise"}
+    frames = []
+    summary = make(
+        tmp_path / "set", faults=faults, progress=lambda state: frames.append(state.frames)
+    )
+    assert {each.id: each.attempts for each in summary.failed} == {
+        "rope-test-000001": 1,
+        "rope-train-000001": 3,
+    }
+    assert summary.frames == frames[-1] == 4 * 4
+    assert max(frames) <= 6 * 4
+
+
+def test_frames_of_failed_attempts_are_not_counted(tmp_path):
+    frames = []
+    faults = {f"rope-test-{k:06d}": "raise" for k in range(3)}
+    summary = make(
+        tmp_path / "set", faults=faults, progress=lambda state: frames.append(state.frames)
+    )
+    assert summary.frames == 3 * 4
+    assert max(frames) < 3 * 4 + 4
+
+
 def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(uninterrupted, tmp_path):
     out = tmp_path / "set"
     with pytest.raises(GenerationError, match=r"No space left on device.* of 6 sequences"):
