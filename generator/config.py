@@ -30,6 +30,7 @@ from pliant.spec.constraints import (
     Version,
 )
 from pliant.spec.conventions import SPLITS
+from pliant.spec.io import limits
 from pliant.spec.secrets import GUESSABLE_BELOW
 
 TIER_KINDS: Final[dict[str, str]] = {
@@ -50,6 +51,9 @@ BLENDER_STYLES: Final = ("fast", "photo")
 """Styles that Blender renders, on a GPU where there is one."""
 
 DEFAULT_SEQUENCES: Final = 20
+
+LONGEST_EPISODE: Final = 3000
+"""Frames of an episode of a rope; the physics is checked up to here."""
 
 _SPLIT_CYCLE: Final = ("train", "test") * 2 + ("val",) + ("train",) * 5
 # Which split the k-th sequence of a tier joins (k modulo 10): 70 % train, 10 % val, 20 % test.
@@ -93,10 +97,11 @@ class GenerateConfig(Settings):
         sequences: Sequences per tier, >= 1, shared out over the splits by a fixed cycle of ten
             (7 train, 1 val, 2 test). Not given together with `splits`; neither means 20.
         splits: Split -> sequences per tier, as an alternative to `sequences`.
-        frames: Frames per sequence, >= 1.
+        frames: Frames per sequence, 1 to 100,000; fewer where a sequence would have more than 20
+            million rows of correspondences.
         episodes: True for episodes (frames in time), False for independent configurations.
         width: Image width, px, 16 to 8192.
-        height: Image height, px, 16 to 8192.
+        height: Image height, px, 16 to 8192; at most 2^24 pixels in all.
         seed: Random seed, 0 to 2^63 - 1; 0 is a seed like any other.
         secret_seed: The runner takes a seed of 128 bits from the dataset's private file, which it
             makes where there is none; no public file contains it.
@@ -121,11 +126,11 @@ class GenerateConfig(Settings):
     tiers: Annotated[tuple[Annotated[str, OneOf(TIER_KINDS)], ...], NotEmpty()]
     sequences: Count | None = None
     splits: Mapping[SplitName, Natural] | None = None
-    frames: Count = 1
+    frames: Annotated[int, Bounds(1, limits.MAX_FRAMES)] = 1
     episodes: bool = False
     width: Annotated[int, Bounds(16, 8192, "px")] = 640
     height: Annotated[int, Bounds(16, 8192, "px")] = 480
-    seed: Annotated[int, Bounds(0, 2**128 - 1)] = 0
+    seed: Natural = 0
     secret_seed: bool = False
     style: Style = "fast"
     gripper: bool = False
@@ -177,10 +182,35 @@ class GenerateConfig(Settings):
         counts = {name: counts[name] for name in SPLITS if counts.get(name)}
         if not counts:
             raise Refused("at least one sequence", "splits")
+        self._check_limits(sum(counts.values()))
         object.__setattr__(self, "tiers", tuple(t for t in TIER_KINDS if t in self.tiers))
         object.__setattr__(self, "splits", counts)
         object.__setattr__(self, "sequences", None)
         return self
+
+    def _check_limits(self, sequences: int) -> None:
+        """Refuse what no reader of the format would accept once it is rendered."""
+        if self.width * self.height > limits.MAX_IMAGE_PIXELS:
+            most = limits.MAX_IMAGE_PIXELS // self.width
+            raise Refused(f"at most {most:,} px at this width", "height")
+        if sequences * len(self.tiers) > limits.MAX_SEQUENCES:
+            raise Refused(f"at most {limits.MAX_SEQUENCES:,} sequences in all tiers", "splits")
+        kinds = {TIER_KINDS[tier] for tier in self.tiers}
+        if self.episodes and self.frames > LONGEST_EPISODE and "rope" in kinds:
+            raise Refused(
+                f"at most {LONGEST_EPISODE:,} for an episode of a rope",
+                "frames",
+                "Make more episodes instead.",
+            )
+        points = {"rope": self.rope.points, "cloth": self.cloth.tracked_grid.vertices}
+        largest = {"rope": "rope.point_stations", "cloth": "cloth.tracked_a_side"}
+        for kind in kinds:
+            if points[kind] > limits.MAX_POINTS:
+                required = f"a number that gives at most {limits.MAX_POINTS:,} points"
+                raise Refused(required, largest[kind])
+            most = limits.MAX_CORRESPONDENCE_ROWS // points[kind]
+            if self.frames > most:
+                raise Refused(f"at most {most:,}, as there are {points[kind]:,} points", "frames")
 
     @property
     def public_seed(self) -> int | None:

@@ -143,6 +143,11 @@ class RopeSettings(Settings):
             yield self.model_copy(update=dict(zip(ranges, values, strict=True)))
 
     @property
+    def points(self) -> int:
+        """Number of material points, on the surface and on the centre line."""
+        return self.point_stations * self.point_angles + self.centreline_points
+
+    @property
     def diameter_m(self) -> float:
         """Diameter of the rope, metres."""
         return 2.0 * self.radius_m

@@ -17,6 +17,7 @@ from jsonschema.exceptions import ValidationError
 from jsonschema.validators import extend
 
 from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.errors import CallError
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 from pliant.spec.io.writing import replacing
@@ -104,9 +105,18 @@ def write_json(path: Path | str, document: Any, schema: str | None = None) -> No
 
     Raises:
         ValueError: The document is not JSON-able or breaks the schema: the caller's mistake.
-        CallError: The file cannot be written; an earlier one is unchanged.
+        CallError: The file cannot be written, or no reader would accept its size; an earlier one is
+            unchanged.
     """
     data = json_bytes(document, schema, path)
+    if schema is not None and len(data) > limits.MAX_JSON_BYTES:
+        raise CallError(
+            "the file is larger than the specification allows",
+            path=path,
+            found=f"{len(data):,} bytes",
+            required=f"at most {limits.MAX_JSON_BYTES:,}",
+            fix="Divide what it describes, such as a sequence of very many frames.",
+        )
     with replacing(path) as partial:
         partial.write_bytes(data)
 

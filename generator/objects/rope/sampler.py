@@ -14,11 +14,7 @@ from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.rope import RopeSettings
-from pliant.spec.errors import CallError
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
-
-LONGEST_EPISODE: Final = 3000
-"""Frames; the physics is checked up to here."""
 
 REVERSAL: Final = Symmetry("reversal", ((-1.0, 0.0), (0.0, -1.0)), (1.0, 0.0))
 """(s, theta) -> (1 - s, -theta): the rope looked at from its other end."""
@@ -55,18 +51,9 @@ def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
         The sequence before it is seen by a camera.
 
     Raises:
-        CallError: An episode of more than 3,000 frames.
         GenerationError: A shape finds no room under these settings.
     """
     settings = config.rope
-    if config.episodes and config.frames > LONGEST_EPISODE:
-        raise CallError(
-            "the episode is too long",
-            where="frames",
-            found=config.frames,
-            required=f"at most {LONGEST_EPISODE}",
-            fix="Make more episodes instead.",
-        )
     shape = weighted_choice(streams.generator(Stream.ROPE_SHAPE), settings.shapes)
     same_points = bool(settings.drawn)
     settings = draw_proportions(settings, streams.generator(Stream.ROPE_PROPORTIONS))

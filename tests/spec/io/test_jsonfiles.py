@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import (
     is_newer_minor,
     parse_json,
@@ -55,6 +56,9 @@ def test_writer_refuses_what_readers_would(tmp_path: Path) -> None:
         write_json(tmp_path / "a.json", {"a": float("nan")})
     with pytest.raises(ValueError, match=r"cameras\.schema\.json"):
         write_json(tmp_path / "a.json", {"spec_version": "1.0.0"}, "cameras")
+    footer = {"spec_version": "1.0.0", "table": "points", "tier": "t" * 2**24}
+    with pytest.raises(CallError, match="at most 16,777,216"):
+        write_json(tmp_path / "a.json", footer, "footer-points")
     assert not list(tmp_path.iterdir())
 
 
