@@ -7,14 +7,16 @@ from pathlib import Path
 import click
 
 from pliant.cli.challenge import require_service
-from pliant.cli.options import FILE, json_option, path_option
+from pliant.cli.options import json_option, path_option
 from pliant.cli.terminal import echo_result
+
+_THERE = click.Path(exists=True, path_type=Path, dir_okay=False)  # exit code 1 is for a forgery
 
 
 @click.command("verify")
-@click.argument("receipt", metavar="RECEIPT.json", type=FILE)
-@path_option("--key", "KEY", "Public key of the challenge (PEM).", kind=FILE, required=True)
-@path_option("--file", "SUB.parquet", "Submission that the receipt must be of.", kind=FILE)
+@click.argument("receipt", metavar="RECEIPT.json", type=_THERE)
+@path_option("--key", "KEY", "Public key of the challenge (PEM).", kind=_THERE, required=True)
+@path_option("--file", "SUB.parquet", "Submission that the receipt must be of.", kind=_THERE)
 @json_option
 def command(receipt: Path, key: Path, file: Path | None, as_json: bool) -> None:
     """Verify that RECEIPT.json was signed by the challenge and not changed since.

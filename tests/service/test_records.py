@@ -146,6 +146,8 @@ def test_receipts(make_trial: MakeTrial, tmp_path: Path) -> None:
     assert run(["verify", str(file), "--key", pem, "--file", str(tmp_path / "good")]) == 0
     assert run(["verify", str(file), "--key", pem, "--file", pem]) == 1
     assert run(["verify", str(file), "--key", str(file)]) == 2
+    assert run(["verify", str(tmp_path / "nothing.json"), "--key", pem]) == 2
+    assert run(["verify", str(file), "--key", pem, "--file", str(tmp_path / "nothing")]) == 2
 
 
 def test_secrets_are_readable_by_their_owner_alone(make_trial: MakeTrial) -> None:
