@@ -56,8 +56,9 @@ def draw_config(rng: np.random.Generator) -> GenerateConfig:
         "rope": rope,
         "look": changed(config.look, rng, *LOOK_KEPT),
         "camera": changed(config.camera, rng),
-        "cloth": changed(_small_cloth(rng), rng, *CLOTH_KEPT),
     }
+    cloth = changed(_small_cloth(rng), rng, *CLOTH_KEPT)
+    sections["cloth"] = cloth.replace(sides="any") if episodes else cloth
     if rng.random() < 0.4:
         sections["noise"] = changed(NoiseSettings(), rng)
     if style == "real-depth" and rng.random() < 0.5:
