@@ -91,6 +91,15 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
         kind < 0,
         lambda i: (f"row {i}, kind", f"required: {' | '.join(POINT_KINDS)}"),
     )
+    flat = np.isin(object_id, [each.id for each in tier.objects if each.diameter_m == 0])
+    problems.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        flat & (kind == 1),
+        lambda i: (
+            f"row {i}, kind",
+            f"found centreline; required: surface, as m1 of object {object_id[i]} has no period",
+        ),
+    )
     finite = report_not_finite(rows, ["m0", "m1"], 0, problems)
     material = stacked(rows, "m0", "m1").astype(np.float64)
     inside = np.zeros(len(material), np.bool_)

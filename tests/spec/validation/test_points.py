@@ -81,6 +81,7 @@ RANGE = "VALUE_OUT_OF_RANGE"
         (changed((6, {"m0": np.inf, "object": 3})),
          [(RANGE, "row 6, object"), ("VALUE_NOT_FINITE", "row 6, m0")]),
         (changed((6, {"kind": "axis"})), [(RANGE, "row 6, kind")]),
+        (changed((6, {"kind": "centreline"})), [(RANGE, "row 6, kind")]),
         (changed((0, {"point": 1})), [("ROW_ORDER", "row 0, point")]),
         (changed((0, {"partners": [1, 2]})), [(RANGE, "row 0, partners")]),
         (changed((6, {"partners": [6, 6, 6, 6]})), [(RANGE, "row 6, partners")]),
@@ -153,10 +154,11 @@ def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
     same = [ROWS, [*ROWS[:6], ROWS[6] | {"partners": (6, 6, 6)}]]
     assert {read(rows).digest for rows in same} == {first.digest}
     others = [
-        changed((6, {name: value}))
-        for name, value in (("m0", 1.25), ("m1", 0.25), ("kind", "centreline"))
-    ]
-    others.append(changed((4, {"object": 2, "m0": 1.25, "partners": [4, 4, 4]})))
+        changed((row, {name: value}))
+        for row, name, value in (
+            (6, "m0", 1.25), (6, "m1", 0.25), (3, "kind", "centreline"), (6, "object", 1)
+        )
+    ]  # fmt: skip
     others.append(changed((0, {"partners": [1, 2, 1]})))
     digests = {read(rows).digest for rows in others} | {first.digest}
     assert len(digests) == 6
