@@ -25,7 +25,8 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
     """Write `SPLIT-000000.tar` and so on.
 
     A sample has `rgb.png` and `depth.exr` (the dataset's own bytes), `camera.json` (K,
-    world_to_camera, sequence, frame, tier) and `points.npz` (material, uv_px, xyz_m, state).
+    world_to_camera, sequence, frame, tier) and `points.npz` (material, uv_px, xyz_m, state). Its
+    key is `SEQUENCE-FRAME`, a dot in it written as %2E: readers end the key at the first dot.
     """
     written: dict[str, int] = {}
     with ExitStack() as stack:
@@ -38,7 +39,8 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
                     name = f"{sequence.split}-{count // FRAMES_PER_TAR:06d}.tar"
                     tars[sequence.split] = stack.enter_context(tarfile.open(folder / name, "w"))
                 written[sequence.split] = count + 1
-                _add(tars[sequence.split], f"{sequence.id}-{frame:06d}", _files(recording, frame))
+                key = f"{sequence.id}-{frame:06d}".replace(".", "%2E")
+                _add(tars[sequence.split], key, _files(recording, frame))
             yield
 
 

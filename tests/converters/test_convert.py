@@ -7,6 +7,7 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,10 @@ def test_coco(sample: Dataset, tmp_path: Path) -> None:
 
 
 # The client leaves a file open at its end.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+open_file = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@open_file
 def test_webdataset(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
     webdataset = pytest.importorskip("webdataset")
     out = written("webdataset", sample, tmp_path / "out")
@@ -127,6 +131,27 @@ def test_webdataset(sample: Dataset, recording: Recording, tmp_path: Path) -> No
     assert first["depth.exr"] == read_bytes(
         frame.sequence.file("depth/000000.exr"), MAX_IMAGE_FILE_BYTES
     )
+
+
+@open_file
+def test_webdataset_of_ids_with_dots(sample: Dataset, tmp_path: Path) -> None:
+    """A reader takes what follows the first dot of a file's name for the ending."""
+    webdataset = pytest.importorskip("webdataset")
+    first = sample.sequence("rope-train-000000")
+
+    class Renamed:
+        """The files of the first sequence, whatever it is called."""
+
+        def get(self, name: str) -> Any:
+            return first.file(name.split("/", 3)[-1])
+
+    files: Any = Renamed()
+    named = [replace(first, id=each, files=files) for each in ("take.1", "take.2")]
+    convert(named, TARGETS["webdataset"], tmp_path / "out", Options(9))
+    shard = str(tmp_path / "out" / "train-000000.tar")
+    samples = list(webdataset.WebDataset(shard, shardshuffle=False))
+    found = [json.loads(each["camera.json"])["sequence"] for each in samples]
+    assert found == ["take.1"] * 2 + ["take.2"] * 2
 
 
 def test_rerun(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
