@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pliant.spec.answers import Answers
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, MissingExtraError, SpecError
 from pliant.spec.progress import Progress
 
 if TYPE_CHECKING:
@@ -65,8 +65,23 @@ def load(source: Dataset | Path | str) -> Dataset:
 
         return SimulatedDataset.of(Path(text))
     if "://" not in text and not Path(text).exists() and _HUB_ID.fullmatch(text):
-        return Dataset.open(f"hf://datasets/{text}")
+        return _from_hub(text)
     return Dataset.open(source)
+
+
+def _from_hub(name: str) -> Dataset:
+    """Open a dataset of the Hugging Face Hub; the name may also be a mistyped folder's."""
+    try:
+        return Dataset.open(f"hf://datasets/{name}")
+    except MissingExtraError as error:
+        feature = f"folder {name} not found, and opening a dataset of the Hugging Face Hub"
+        raise MissingExtraError(feature, "publish") from error
+    except SpecError as error:
+        raise SpecError(
+            "folder not found, and a dataset of this name on the Hugging Face Hub cannot be opened",
+            path=name,
+            found=error,
+        ) from error
 
 
 def stream(

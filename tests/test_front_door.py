@@ -18,7 +18,7 @@ from pliant.baselines import METHODS
 from pliant.baselines.predict import predict as predict_file
 from pliant.evaluator import evaluate as evaluate_file
 from pliant.spec.dataset import SAMPLE, Dataset
-from pliant.spec.errors import CallError, SpecError
+from pliant.spec.errors import CallError, MissingExtraError, SpecError
 from tests.known import known
 
 README = Path(__file__).parents[1] / "README.md"
@@ -154,3 +154,21 @@ def test_the_documented_example_runs(
     monkeypatch.chdir(tmp_path)
     exec(compile(code, str(DOCUMENT), "exec"), {"__name__": "example"})
     assert (tmp_path / "centre.parquet").stat().st_size > 1000
+
+
+def test_a_mistyped_folder_without_a_network_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`sets/ropes` may be the id of a dataset on the Hub, whose library has errors of its own."""
+    core = pytest.importorskip("fsspec").core
+
+    class Unreachable:
+        def isfile(self, _: str) -> bool:
+            raise RuntimeError("Name or service not known")
+
+    monkeypatch.setattr(core, "url_to_fs", lambda url: (Unreachable(), url))
+    with pytest.raises(SpecError, match=r"^sets/ropes: folder not found.*not known$"):
+        pliant.load("sets/ropes")
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(MissingExtraError, match=r"^folder sets/ropes not found, and .*publish"):
+        pliant.load("sets/ropes")

@@ -95,13 +95,14 @@ class RemoteFiles:
     def has(self, name: str) -> bool:
         """Return whether there is such a file."""
         filesystem, path = self._at(name)
-        return bool(filesystem.isfile(path))
+        with _refusing(f"{self.address}/{name}", Exception):
+            return bool(filesystem.isfile(path))
 
     def get(self, name: str) -> Blob:
         """Fetch a file."""
         filesystem, path = self._at(name)
         shown = f"{self.address}/{name}"
-        with _refusing(shown):
+        with _refusing(shown, Exception):
             size = filesystem.size(path)
             if size is not None:
                 check_size(shown, size, limits.MAX_TABLE_BYTES)
@@ -124,7 +125,7 @@ class RemoteFiles:
         """Fetch a part of a file, and no more of it."""
         filesystem, path = self._at(name)
         shown = f"{self.address}/{name}"
-        with _refusing(shown):
+        with _refusing(shown, Exception):
             data = filesystem.cat_file(path, start=offset, end=offset + count)
         return _whole(data, count, shown)
 
@@ -210,14 +211,21 @@ def _whole(data: bytes, count: int, path: str) -> bytes:
 
 
 @contextmanager
-def _refusing(path: str) -> Iterator[None]:
-    """Turn an error of reading a file into its refusal."""
+def _refusing(path: str, errors: type[Exception] = OSError) -> Iterator[None]:
+    """Turn an error of reading a file into its refusal.
+
+    Args:
+        path: The file.
+        errors: What reading it raises; filesystems of fsspec have errors of their own.
+    """
     try:
         yield
+    except FileRefusedError:
+        raise
     except FileNotFoundError as error:
         raise FileRefusedError("FILE_MISSING", "the file is not there", path=path) from error
-    except OSError as error:
-        raise _unreadable(path, error.strerror or error) from error
+    except errors as error:
+        raise _unreadable(path, getattr(error, "strerror", None) or error) from error
 
 
 def _unreadable(path: str, found: object) -> FileRefusedError:
