@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.augment import (
     AugmentSettings,
@@ -16,7 +15,7 @@ from pliant.loaders.augment import (
 )
 from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.order import sample_generator
+from pliant.loaders.order import DrawnSamples, sample_generator
 from pliant.loaders.recolouring import recolour
 from pliant.loaders.views import TrainingFrame, draw_points
 from pliant.spec.calls import check_type, check_whole
@@ -27,7 +26,7 @@ _OF_PAIRS = ("recolour", "mask_faults", "mask_damage", "mask_drop", "picture_dro
 """Settings of augmentation that clips do not have."""
 
 
-class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
+class ClipDataset(DrawnSamples):
     """Clips of episodes, drawn by number from the seed like the samples of `PairDataset`.
 
     A sample holds `image` float32 (T, C, h, w), `mask` bool (T, h, w), `uv_px` float32

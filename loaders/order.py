@@ -5,9 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import torch
+from torch.utils.data import Dataset as TorchDataset
 from torch.utils.data import Sampler
 
 from pliant.spec.calls import check_whole
+
+
+class DrawnSamples(TorchDataset[dict[str, torch.Tensor]]):
+    """A dataset that draws sample n from the seed and n alone, for any n >= 0."""
+
+    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
+        """Return the samples of one epoch: by their numbers alone, iteration would never end."""
+        return (self[number] for number in range(len(self)))
+
+    def __len__(self) -> int:
+        """Return how many samples an epoch is said to have."""
+        raise NotImplementedError
 
 
 class StepOrder(Sampler[list[int]]):
@@ -58,7 +72,17 @@ def sample_generator(seed: int, sample: int, stream: int = 0) -> np.random.Gener
         IndexError: The number is negative.
         CallError: It is not a number.
     """
+    check_number(sample)
+    return np.random.default_rng(np.random.SeedSequence([seed, stream, sample]))
+
+
+def check_number(sample: object) -> None:
+    """Refuse what is not the number of a sample.
+
+    Raises:
+        IndexError: The number is negative.
+        CallError: It is not a number.
+    """
     if isinstance(sample, int) and sample < 0:
         raise IndexError(f"sample {sample}: samples are numbered from 0")
     check_whole("index", sample)
-    return np.random.default_rng(np.random.SeedSequence([seed, stream, sample]))

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.augment import (
     AugmentSettings,
@@ -23,7 +22,7 @@ from pliant.loaders.augment import (
 )
 from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
-from pliant.loaders.order import sample_generator
+from pliant.loaders.order import DrawnSamples, check_number, sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.views import TrainingFrame, draw_points
 from pliant.spec.arrays import Float32Array, IntArray, Mask
@@ -68,7 +67,7 @@ class PairSettings(Settings):
         return NetworkInput(self.input, self.masks)
 
 
-class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
+class PairDataset(DrawnSamples):
     """Any two (or more) frames of a tier and the same material points in each.
 
     Sample n depends on the seed and n alone, so any order, any number of workers and any
@@ -265,7 +264,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return seen.image(rgb, view.depth_m, *masks)
 
 
-class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
+class MixedPairs(DrawnSamples):
     """Samples of several datasets: each batch is of one of them, drawn by its number of frames.
 
     Samples of tiers with and without symmetries have other shapes, and do not mix in a batch.
@@ -300,6 +299,7 @@ class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         """Draw sample number `index` (any number >= 0)."""
+        check_number(index)
         rng = sample_generator(self.seed, index // self.batch, MIXING_STREAM)
         part = int(np.searchsorted(self._ends, rng.integers(self._ends[-1]), side="right"))
         return self.parts[part][index]

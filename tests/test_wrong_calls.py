@@ -106,6 +106,14 @@ CALLS: dict[str, tuple[Call, str]] = {
     "ClipDataset no episode": (lambda ds, store: ClipDataset(store), "no episode of 4 frames"),
     "MixedPairs([])": (lambda ds, store: MixedPairs([]), "no dataset to draw from"),
     "MixedPairs([ds])": (lambda ds, store: MixedPairs([ds]), "parts: .*required: PairDataset"),
+    "MixedPairs['a']": (
+        lambda ds, store: MixedPairs([PairDataset(store)], batch=2)["a"],
+        "index: .*whole number; found 'a'",
+    ),
+    "MixedPairs[1.5]": (
+        lambda ds, store: MixedPairs([PairDataset(store)], batch=2)[1.5],
+        "index: .*whole number; found 1.5",
+    ),
     "StepOrder": (lambda ds, store: StepOrder(0, 0, 2), "batch: .*>= 1"),
     "StepOrder rank": (lambda ds, store: StepOrder(1, 0, 2, rank=3, world=2), "0 to 1"),
     "NetworkInput": (lambda ds, store: NetworkInput("x"), "one of rgb, grey"),

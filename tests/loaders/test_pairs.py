@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,16 @@ def test_workers_and_resuming_give_the_same_batches(sheet_dataset: Dataset) -> N
     workers: dict[str, Any] = {"num_workers": 1, "multiprocessing_context": "spawn"}
     resumed = list(DataLoader(pairs, batch_sampler=StepOrder(2, 2, 4), **workers))
     torch.testing.assert_close(whole[2:], resumed, rtol=0, atol=0)
+
+
+def test_iteration_ends_after_an_epoch(sheet_dataset: Dataset, sheet_episode: Dataset) -> None:
+    """Samples of larger numbers are drawn just as well, so numbers alone never end."""
+    pairs = pairs_of(sheet_dataset)
+    clips = ClipDataset(FrameStore(sheet_episode, "sheet", "train", (40, 30)), length=2)
+    for samples in (pairs, MixedPairs([pairs]), clips):
+        found = list(islice(samples, 100))
+        assert len(found) == len(samples)
+        assert torch.equal(found[-1]["image"], samples[len(samples) - 1]["image"])
 
 
 def test_processes_share_the_samples_out() -> None:
