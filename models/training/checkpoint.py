@@ -44,6 +44,7 @@ class TrainingState:
         waited: Validations since then.
         history: Figures of every logged step, {"step": …, name: value}.
         settings: The settings it runs with, as plain values.
+        processes: How many processes train together.
     """
 
     step: int
@@ -55,6 +56,7 @@ class TrainingState:
     waited: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    processes: int = 1
 
 
 def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
@@ -155,6 +157,7 @@ def save_checkpoint(run: Path, state: TrainingState) -> None:
         "history": state.history,
         "data": state.data,
         "settings": state.settings,
+        "processes": state.processes,
         "optimiser": plain,
     }
     with staged(folder) as place:
@@ -216,6 +219,7 @@ def read_checkpoint(folder: Path) -> TrainingState:
             history=document["history"],
             data=document["data"],
             settings=document.get("settings", {}),
+            processes=document.get("processes", 1),
         )
 
 

@@ -173,7 +173,8 @@ def _start(
     network, data = task.network, data_digest(task.datasets)
     settings = settings_to_dict(task.settings)
     if not resume:
-        return TrainingState(0, {}, _copy(network), {}, data, settings=settings)
+        world = task.processes.world
+        return TrainingState(0, {}, _copy(network), {}, data, settings=settings, processes=world)
     checkpoint = checkpoint_to_resume(run)
     state = read_checkpoint(checkpoint)
     if state.data != data:
@@ -183,6 +184,16 @@ def _start(
             found=", ".join(each.address for each in task.datasets),
             required="the same datasets, with the sequences they had",
             fix="Name them, or start another run.",
+        )
+    if state.processes != task.processes.world:
+        raise TrainingError(
+            "a run goes on with as many processes as it began with, because a step takes samples "
+            "for each",
+            path=run,
+            found=task.processes.world,
+            required=state.processes,
+            fix=f"Start them with torchrun --nproc-per-node {state.processes}, or start another "
+            "run.",
         )
     state.settings = settings  # those that change no step may differ now
     remove_others(checkpoint)

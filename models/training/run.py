@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -10,10 +11,11 @@ import torch
 
 from pliant.models.training.checkpoint import BEST, load_best
 from pliant.models.training.loop import StepProgress, train
-from pliant.models.training.processes import joined_processes
+from pliant.models.training.processes import Processes, agree, joined_processes
 from pliant.models.training.run_folder import open_run, run_facts, with_tier
 from pliant.models.training.task import Chosen, Task
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import TrainingError
 
 
 class RunOptions(TypedDict, total=False):
@@ -59,10 +61,11 @@ def train_task(
     settings = settings.replace(tier=with_tier(settings.tier, dataset))
     if settings.threads:
         torch.set_num_threads(settings.threads)
-    with joined_processes() as processes, ExitStack() as stack:
-        if processes.first:
-            resume = options.get("resume", False)
-            stack.enter_context(open_run(run, settings, resume, task_type.answering))
+    resume = options.get("resume", False)
+    with (
+        joined_processes() as processes,
+        _opened(run, settings, resume, task_type.answering, processes),
+    ):
         task = task_type(dataset, settings, run, processes)
         state = train(task, run, **options)
         facts = run_facts(dataset, settings, state.step, processes) | task.facts()
@@ -71,3 +74,20 @@ def train_task(
             load_best(task.network, run)
             task.finish(run, state.history, facts)
     return facts
+
+
+@contextmanager
+def _opened(
+    run: Path, settings: Chosen, resume: bool, answering: str, processes: Processes
+) -> Iterator[None]:
+    """Open the run's folder in process 0; the others write to it (its cache) only then."""
+    with ExitStack() as stack:
+        if processes.first:
+            try:
+                stack.enter_context(open_run(run, settings, resume, answering))
+            except BaseException:
+                agree(False, processes)
+                raise
+        if not agree(True, processes):
+            raise TrainingError("process 0 could not open the run", path=run)
+        yield

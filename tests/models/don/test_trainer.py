@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from pliant.models.don.trainer import train_don
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.training.checkpoint import latest_checkpoint, read_weights_file
 from pliant.models.training.optimiser import learning_rate
+from pliant.models.training.processes import Processes
 from pliant.models.training.run_folder import open_run
 from pliant.models.training.settings import OptimiserSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
@@ -77,6 +79,40 @@ def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path)
     train_don(sheet_dataset, run, don(), stop_at=2)
     with pytest.raises(TrainingError, match="run: a run goes on with the data it began with"):
         train_don(other, run, don(), resume=True)
+
+
+def test_a_run_goes_on_with_as_many_processes(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """A step takes a batch for each process: with fewer, samples would be seen twice."""
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, don(), stop_at=2)
+    state = known(latest_checkpoint(run)) / "state.json"
+    state.write_text(json.dumps(json.loads(state.read_text()) | {"processes": 2}))
+    with pytest.raises(TrainingError, match=r"as many processes .*required: 2"):
+        train_don(sheet_dataset, run, don(), resume=True)
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_processes_write_after_the_first_one_opened_the_run(
+    sheet_dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rank: int
+) -> None:
+    """Process 0 refuses a folder that is not empty, and process 1 then leaves it as it is."""
+    said: list[float] = []
+
+    def refused(value: float, _: Processes) -> float:
+        said.append(value)
+        return 0.0
+
+    one_of_two = nullcontext(Processes(rank, 2, torch.device("cpu")))
+    monkeypatch.setattr("pliant.models.training.run.joined_processes", lambda: one_of_two)
+    monkeypatch.setattr("pliant.models.training.run.agree", refused, raising=False)
+    (tmp_path / "notes.txt").write_text("mine")
+    error, message = [(CallError, "must be empty"), (TrainingError, "process 0 could not open")][
+        rank
+    ]
+    with pytest.raises(error, match=message):
+        train_don(sheet_dataset, tmp_path, don())
+    assert said == [rank]
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.parametrize("keep", ["best", "last"])
