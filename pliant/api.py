@@ -112,8 +112,9 @@ def stream(
         augmentation: Random changes, or None.
         seed: Random seed of the samples; that of the frames is in the config.
         batch: Samples per batch.
-        steps: Number of batches.
-        start: Number of the first batch, to continue an earlier stream.
+        steps: Number of batches of the whole stream.
+        start: Number of the first batch, to continue an earlier stream: the `start` batches before
+            it are left out.
         cache: A folder for the frames at `size`, which worker processes share: each sequence is
             then simulated once. None keeps the newest sequences in memory.
 
@@ -137,6 +138,8 @@ def stream(
     from pliant.loaders import FrameStore, PairDataset, StepOrder
     from pliant.streaming import PairStream
 
+    check_whole("start", start)
+    check_whole("steps", steps, start)
     dataset = SimulatedDataset.of(config)
     names = list(dataset.tiers)
     if not tier and len(names) > 1:

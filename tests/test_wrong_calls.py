@@ -66,6 +66,10 @@ CALLS: dict[str, tuple[Call, str]] = {
     ),
     "validate(None)": (lambda ds, _: pliant.validate(None), "a folder or a Dataset"),
     "validate workers": (lambda ds, _: pliant.validate(ds, workers="x"), "workers: .*'x'"),
+    "stream steps": (
+        lambda ds, store: pliant.stream({}, steps=5, start=6),
+        "steps: .*whole number; found 5; required: >= 6",
+    ),
     "PairDataset(ds)": (lambda ds, store: PairDataset(ds), STORE),
     "PairDataset(FrameStore)": (lambda ds, store: PairDataset(FrameStore), "the class FrameStore"),
     "PairDataset settings": (lambda ds, store: PairDataset(store, "train"), "settings: .*'train'"),
