@@ -12,6 +12,7 @@ import hashlib
 import json
 import operator
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,8 +23,11 @@ from pliant.loaders.views import TrainingFrame, read_training_frame, surface_poi
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
+from pliant.spec.io.limits import MAX_JSON_BYTES
+from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import Tier
-from pliant.spec.sequence import RecordedFrame
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
+from pliant.spec.storage import layout
 
 _STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
 """What a record keeps of a `TrainingFrame`."""
@@ -117,11 +121,11 @@ class FrameStore:
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:
+            asked = [dataset.info, tier, split, self.size, limit, _STORED]
             digest = hashlib.sha256(
                 dataset.fingerprint()
-                + json.dumps(
-                    [dataset.info, tier, split, self.size, limit, _STORED], sort_keys=True
-                ).encode()
+                + json.dumps(asked, sort_keys=True).encode()
+                + _checksums(dataset, sequences)
             ).hexdigest()[:16]
             folder = Path(cache)
             if folder.exists() and not folder.is_dir():
@@ -210,6 +214,20 @@ def check_store(store: object) -> None:
     """
     fix = 'Make one: FrameStore(pliant.load("DATA"), "rope", "train")'
     check_type("store", store, FrameStore, fix=fix)
+
+
+def _checksums(dataset: Dataset, sequences: Sequence[SequenceRecord]) -> bytes:
+    """Return bytes that change with the sequences' files: pictures of the same ids may be redone.
+
+    Of a packed dataset, the index of its shards, which has the size of each file.
+    """
+    if dataset.has(layout.INDEX_TABLE):
+        return dataset.local(layout.INDEX_TABLE).read_bytes()
+    return b"".join(
+        read_bytes(each.file(layout.SEQUENCE_JSON), MAX_JSON_BYTES)
+        for each in sequences
+        if not each.made_whole and each.has(layout.SEQUENCE_JSON)
+    )
 
 
 def _partners(

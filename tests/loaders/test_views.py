@@ -10,6 +10,7 @@ import pytest
 from pliant.loaders.frame_store import FrameStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.png import write_rgb
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from tests.loaders.sheet_dataset import write_sheet_dataset
 
@@ -62,6 +63,17 @@ def test_a_cached_frame_needs_no_file(tmp_path: Path) -> None:
     FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)
     (dataset.sequences[0].dir / "rgb" / "000000.png").unlink()
     FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)
+
+
+def test_frames_that_were_made_again_are_decoded_again(tmp_path: Path) -> None:
+    """The table of sequences stays the same then; the checksums in sequence.json do not."""
+    root = write_sheet_dataset(tmp_path / "set", {"train": 1})
+    folder = Dataset.open(root).sequences[0].dir
+    for number, shade in enumerate((50, 200)):
+        write_rgb(folder / "rgb" / "000000.png", np.full((120, 160, 3), shade, np.uint8))
+        (folder / "sequence.json").write_text(f"checksums {number}")
+        store = FrameStore(Dataset.open(root), "sheet", "train", (8, 6), cache=tmp_path / "cache")
+        assert (store.view(0).rgb == shade).all()
 
 
 def test_unknown_tier_and_empty_split_are_refused(sheet_dataset: Dataset) -> None:
