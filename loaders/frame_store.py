@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points, working_key
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, PliantError
+from pliant.spec.errors import CallError, PliantError, SpecError
 from pliant.spec.io.limits import MAX_JSON_BYTES
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import Tier
@@ -114,10 +114,17 @@ class FrameStore:
         self.where = f"tier {tier}, split {split}"
         self.root = dataset.root
         self.frames = [frame for sequence in sequences for frame in sequence]
-        points = sequences[0].points()
-        ids = self._surface_points = surface_points(sequences[0], self.tier.queried_object)
+        self._first = sequences[0]
+        points = self._points = self._first.points()
+        ids = self._surface_points = surface_points(points, self.tier.queried_object)
+        if len(ids) == 0:
+            raise SpecError(
+                "the queried object has no surface points",
+                path=self._first.dir / layout.POINTS_TABLE,
+            )
         self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
-        self.partners = _partners(points["partners"].to_pylist(), ids, len(self.tier.symmetries))
+        self.partners = _partners(self._first, points["partners"].to_pylist(), ids)
+        self._alike = {self._first.id}  # sequences whose points are known to be the same
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:
@@ -183,6 +190,15 @@ class FrameStore:
                     self._store(number, records)
 
     def _decode(self, index: int) -> TrainingFrame:
+        sequence = self.frames[index].sequence
+        if not sequence.made_whole and sequence.id not in self._alike:
+            if not sequence.points().equals(self._points):
+                raise SpecError(
+                    f"the points differ from those of {self._first.id}",
+                    path=sequence.dir / layout.POINTS_TABLE,
+                    required="the same points in all sequences of a tier",
+                )
+            self._alike.add(sequence.id)
         return read_training_frame(self.frames[index], self.size, self._surface_points)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:
@@ -231,12 +247,21 @@ def _checksums(dataset: Dataset, sequences: Sequence[SequenceRecord]) -> bytes:
 
 
 def _partners(
-    lists: list[list[int]], ids: npt.NDArray[np.intp], symmetries: int
+    sequence: SequenceRecord, lists: list[list[int]], ids: npt.NDArray[np.intp]
 ) -> npt.NDArray[np.int32]:
     """Return the symmetry partners as rows of the surface points: int32 (P, S)."""
+    symmetries = len(sequence.described.symmetries)
     row_of = {int(point): row for row, point in enumerate(ids)}
-    rows = [[row_of[partner] for partner in lists[int(point)]] for point in ids]
-    return np.array(rows, dtype=np.int32).reshape(len(ids), symmetries)
+    try:
+        rows = [[row_of[partner] for partner in lists[point]] for point in ids]
+        return np.array(rows, dtype=np.int32).reshape(len(ids), symmetries)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SpecError(
+            "a surface point has other partners than its tier's symmetries give",
+            path=sequence.dir / layout.POINTS_TABLE,
+            where="partners",
+            required=f"{symmetries}, surface points of the same object",
+        ) from error
 
 
 def _allocate(path: Path, size: int) -> None:

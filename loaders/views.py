@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.arrays import BoolArray, Float32Array
-from pliant.spec.errors import SpecError
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
-from pliant.spec.sequence import RecordedFrame, SequenceRecord
+from pliant.spec.sequence import RecordedFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -38,17 +38,16 @@ class TrainingFrame(Frame):
     visible: BoolArray
 
 
-def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:
+def surface_points(table: pa.Table, queried_object: int) -> npt.NDArray[np.intp]:
     """Return the ids of the queried object's surface points (a centre line is on no pixel).
 
     Args:
-        sequence: The sequence.
+        table: The table of points.
         queried_object: Object id.
 
     Returns:
         intp (P,), ascending.
     """
-    table = sequence.points()
     own = table["object"].to_numpy() == queried_object
     return np.flatnonzero(pc.equal(table["kind"], "surface").to_numpy() & own)
 
@@ -83,13 +82,6 @@ def read_training_frame(
     sequence = frame.sequence
     surface = sequence.surface(frame.index)  # not `frame.surface`: each is needed only once
     table = sequence.correspondences(frame.index)
-    if table.num_rows <= points.max(initial=-1):
-        raise SpecError(
-            "the correspondences hold fewer points than points.parquet",
-            path=sequence.dir,
-            where=f"frame {frame.index}",
-            found=table.num_rows,
-        )
     scale = np.array([size[0] / sequence.size[0], size[1] / sequence.size[1]])
     uv_full = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1)[points]
     return TrainingFrame(

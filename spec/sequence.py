@@ -22,7 +22,7 @@ from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import open_table, read_table
 from pliant.spec.io.parquet_columns import load_columns, load_rows
 from pliant.spec.io.png import read_mask, read_rgb
-from pliant.spec.io.reading import AnyFile
+from pliant.spec.io.reading import AnyFile, FileRefusedError
 from pliant.spec.lru_cache import LRUCache
 from pliant.spec.model import DISTRACTOR, Tier
 from pliant.spec.storage import layout
@@ -179,19 +179,32 @@ class SequenceRecord:
 
         Returns:
             The correspondences table; of one frame, row i is point i.
+
+        Raises:
+            SpecError: A row is missing or in another place.
         """
         path = self.file(layout.CORRESPONDENCES_TABLE)
         file = open_table(path)
-        if frame is None:
-            return load_columns(file, path, CORRESPONDENCES)
-        self._check(frame)
-        rows = file.metadata.num_rows
-        if rows % self.frames:
+        rows, count = file.metadata.num_rows, self._point_count
+        if rows != self.frames * count:
             raise SpecError(
-                "the table does not hold every point of every frame", path=path, found=rows
+                "the table does not contain every point of every frame",
+                path=path,
+                found=f"{rows} rows",
+                required=f"{self.frames * count}: {self.frames} frames of {count} points",
             )
-        count = rows // self.frames
-        return load_rows(file, path, CORRESPONDENCES, frame * count, (frame + 1) * count)
+        if frame is None:
+            return _in_order(load_columns(file, path, CORRESPONDENCES), range(self.frames), path)
+        self._check(frame)
+        rows_of_frame = frame * count, (frame + 1) * count
+        table = load_rows(file, path, CORRESPONDENCES, *rows_of_frame)
+        return _in_order(table, range(frame, frame + 1), path)
+
+    @cached_property
+    def _point_count(self) -> int:
+        """The number of rows of the table of points."""
+        count: int = open_table(self.file(layout.POINTS_TABLE)).metadata.num_rows
+        return count
 
     def _check(self, frame: int) -> None:
         if not 0 <= frame < self.frames:
@@ -201,6 +214,25 @@ class SequenceRecord:
                 found=frame,
                 required=f"0 to {self.frames - 1}",
             )
+
+
+def _in_order(table: pa.Table, frames: range, path: AnyFile) -> pa.Table:
+    """Return the correspondences of some frames if they are ascending by frame, then point."""
+    count = table.num_rows // len(frames)
+    expected = np.repeat(frames, count), np.tile(np.arange(count), len(frames))
+    found = table["frame"].to_numpy(), table["point"].to_numpy()
+    wrong = (found[0] != expected[0]) | (found[1] != expected[1])
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise FileRefusedError(
+            "ROW_ORDER",
+            "the rows must be ascending by frame, then point",
+            path=path,
+            where=f"row {frames.start * count + row}",
+            found=f"frame {found[0][row]}, point {found[1][row]}",
+            required=f"frame {expected[0][row]}, point {expected[1][row]}",
+        )
+    return table
 
 
 class RecordedFrame(Frame):

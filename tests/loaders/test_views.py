@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.views import TrainingFrame
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.png import write_rgb
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from tests.loaders.sheet_dataset import write_sheet_dataset
@@ -74,6 +78,45 @@ def test_frames_that_were_made_again_are_decoded_again(tmp_path: Path) -> None:
         (folder / "sequence.json").write_text(f"checksums {number}")
         store = FrameStore(Dataset.open(root), "sheet", "train", (8, 6), cache=tmp_path / "cache")
         assert (store.view(0).rgb == shade).all()
+
+
+def first(name: str, value: Any) -> Callable[[pa.Table], pa.Table]:
+    """Return a change that puts a value into the first row of a column."""
+
+    def changed(table: pa.Table) -> pa.Table:
+        field = table.schema.field(name)
+        values = [value, *table[name].to_pylist()[1:]]
+        return table.set_column(table.schema.names.index(name), field, pa.array(values, field.type))
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "message"),
+    [
+        ("correspondences", lambda t: t.take([1, 0, *range(2, len(t))]), "row 0: .*ascending"),
+        ("correspondences", lambda t: t.sort_by("point"), "row 1: .*found frame 1, point 0"),
+        ("correspondences", lambda t: t.slice(2), "every point of every frame; found 336 rows"),
+        ("points", first("partners", [999]), "partners: .*required: 1, surface points"),
+        ("points", first("partners", None), "partners: .*required: 1, surface points"),
+        ("points", first("m0", 0.5), "000001/points.parquet: the points differ from those of"),
+        ("points", lambda t: t.slice(0, 0), "the queried object has no surface points"),
+    ],
+)
+def test_tables_that_break_the_specification_give_no_frame(
+    tmp_path: Path, table: str, change: Callable[[pa.Table], pa.Table], message: str
+) -> None:
+    root = write_sheet_dataset(tmp_path / "set", {"train": 2}, frames=2, symmetric=True)
+    path = Dataset.open(root).sequences[0].dir / f"{table}.parquet"
+    whole = pq.read_table(path)
+    pq.write_table(change(whole).replace_schema_metadata(whole.schema.metadata), path)
+
+    def all_frames() -> list[TrainingFrame]:
+        store = FrameStore(Dataset.open(root), "sheet", "train", (8, 6))
+        return [store.view(number) for number in range(4)]
+
+    with pytest.raises(SpecError, match=message):
+        all_frames()
 
 
 def test_unknown_tier_and_empty_split_are_refused(sheet_dataset: Dataset) -> None:

@@ -21,7 +21,7 @@ FRAMES = 20
 def test_descriptors_carry_points_of_a_rope(tiny_episode: Path, flow: bool) -> None:
     dataset = Dataset.open(tiny_episode)
     sequence = next(each for each in dataset.sequences if each.split == "test")
-    points = surface_points(sequence, dataset.tiers["rope"].queried_object)
+    points = surface_points(sequence.points(), dataset.tiers["rope"].queried_object)
     tables = [sequence.correspondences(number) for number in range(FRAMES)]
     places = np.stack(
         [np.column_stack([table["u_px"], table["v_px"]])[points] for table in tables]
