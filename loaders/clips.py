@@ -31,7 +31,7 @@ class ClipDataset(DrawnSamples):
 
     A sample holds `image` float32 (T, C, h, w), `mask` bool (T, h, w), `uv_px` float32
     (T, Q, 2) and `visible` bool (T, Q): the tracks of Q surface points that are visible in the
-    first frame, in working pixels (0 where unknown); `frames` int64 (T,).
+    first frame before augmentation, in working pixels (0 where unknown); `frames` int64 (T,).
 
     Args:
         store: The frames.
