@@ -40,6 +40,9 @@ _INTEGER: Final = "I"
 _LABELS: Final = 64
 """A lossless grey picture without a brighter value is an image of labels, not a drawing."""
 
+_FEW: Final = 8
+"""Values, 0 among them, that a lossless grey mask of labels has at most; noise has more."""
+
 _LOSSY: Final = ("JPEG", "WEBP", "JPEG2000", "AVIF")
 """Pillow's formats whose values may not be those that were stored."""
 
@@ -141,7 +144,8 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     Raises:
         CallError: It is missing.
         PliantError: It is not a picture that can be read, of another size, black everywhere, or
-            black nowhere and of several values; of one value, the object fills the picture.
+            black nowhere and of several values; of one value, the object fills the picture. Or a
+            few labels are so dark that they count as black, next to brighter values.
     """
     path = _existing(path)
     try:
@@ -160,7 +164,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     if not lossy and labels.ndim == 2:
         # A palette of greys is a grey picture too; labels may be as small as 1.
         grey = labels.max() <= _LABELS and np.array_equal(values, labels)
-        if grey or not mask.any():
+        if grey or not mask.any() or _are_labels(path, labels, values):
             values = np.nan_to_num(labels)  # NaN is outside
             mask = values != 0
     if not mask.any() or (mask.all() and (values != values[0, 0]).any()):
@@ -170,6 +174,37 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
             required="black, or label 0, outside the object only",
         )
     return mask
+
+
+def _are_labels(path: Path, labels: npt.NDArray[Any], values: npt.NDArray[Any]) -> bool:
+    """Return whether a grey picture with bright values has 16-bit labels.
+
+    Args:
+        path: The file.
+        labels: (H, W), its numbers.
+        values: (H, W), their upper eight bits.
+
+    Raises:
+        PliantError: Labels count as black next to bright values: 255 on void pixels, for example.
+    """
+    sixteen = labels.dtype.itemsize == 2
+    if not np.issubdtype(labels.dtype, np.unsignedinteger) or not (
+        np.array_equal(values, labels >> 8 if sixteen else labels)
+    ):
+        return False
+    found = np.flatnonzero(np.bincount(labels.ravel()))
+    few = len(found) <= _FEW
+    dark = found[(found > 0) & (found <= (BLACK << 8 if sixteen else BLACK))]
+    void = (1 << 16) - 1 if sixteen else _LABELS + 1
+    if few and len(dark) and found[-1] >= void:
+        raise PliantError(
+            "the mask has dark labels next to bright values, such as 255 on void pixels",
+            path=path,
+            found=f"the values {', '.join(map(str, found))}",
+            required="0 outside the object, and one value on it",
+            fix="Write 255 on the object and 0 elsewhere.",
+        )
+    return sixteen and few
 
 
 def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float32]:

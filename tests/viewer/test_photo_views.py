@@ -95,8 +95,29 @@ def test_every_label_of_a_dark_image_counts(highest: int, tmp_path: Path) -> Non
         [2, 3],
     ]
     drawn[2, 3] = 65
+    drawn[4] = range(1, 10)  # noise
     Image.fromarray(drawn).save(tmp_path / "mask.png")
     assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [[2, 3]]
+
+
+@pytest.mark.parametrize("values", [(1, 255), (5, 255), (1, 2, 200), (1, 65535)])
+def test_dark_labels_next_to_bright_values_are_refused(
+    values: tuple[int, ...], tmp_path: Path
+) -> None:
+    """A void rim of 255 would be the object, and the object of label 1 would be outside."""
+    drawn = np.zeros((6, 9), np.uint8 if max(values) < 256 else np.uint16)
+    drawn[2, : len(values)] = values
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    with pytest.raises(PliantError, match=r"found the values 0, .*required: 0 outside") as refused:
+        read_mask(tmp_path / "mask.png", (9, 6))
+    assert refused.value.exit_code == 1
+
+
+def test_every_label_of_16_bits_counts(tmp_path: Path) -> None:
+    drawn = np.zeros((6, 9), np.uint16)
+    drawn[2, 1:4] = 1, 300, 26001
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "mask.png", (9, 6)), drawn > 0)
 
 
 def test_every_label_of_a_grey_palette_counts(tmp_path: Path) -> None:
