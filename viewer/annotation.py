@@ -17,7 +17,7 @@ from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.io.writing import replacing, require_folder
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
-from pliant.spec.text import number_order, plural
+from pliant.spec.text import escaped, number_order, plural, shortened
 from pliant.viewer.photo_match import match_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
@@ -53,10 +53,15 @@ class Annotation:
         sizes = _sizes(sorted(pictures, key=lambda picture: number_order(picture.name)))
         self.pictures, self.sizes = list(sizes), list(sizes.values())
         heic = sum(p.suffix.lower() in (".heic", ".heif") for p in folder.iterdir())
-        unread = len(pictures) - len(sizes)
+        unread = [escaped(picture.name) for picture in pictures if picture not in sizes]
+        which = shortened(", ".join(unread), 200)
         self.left_out = [
             *([f"{plural(heic, 'HEIC file')} left out: save them as JPEG"] if heic else []),
-            *([f"{plural(unread, 'picture')} left out: not readable"] if unread else []),
+            *(
+                [f"{plural(len(unread), 'picture')} left out: not readable ({which})"]
+                if unread
+                else []
+            ),
         ]
         if len(self.pictures) < 2:
             raise CallError(

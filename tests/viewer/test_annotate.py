@@ -127,7 +127,7 @@ def test_heic_files_next_to_pictures_are_named(
     monkeypatch.setattr(LocalServer, "run", lambda server: server._socket.close())
     _, said, _ = called("annotate", folder, "--no-browser")
     assert said.startswith("3 pictures; 1 HEIC file left out: save them as JPEG; ")
-    assert "1 picture left out: not readable\n" in said
+    assert "1 picture left out: not readable (text.png)\n" in said
 
 
 def test_pictures_of_rarer_formats_are_shown(folder: Path) -> None:
@@ -257,6 +257,22 @@ def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None
         assert browser.run("return state.points") == ["ball", "end", "middle"]
         assert browser.run("return $('suggest').hidden")
     assert browser.errors() == []
+
+
+def test_a_picture_that_cannot_be_decoded_says_why_in_its_place(
+    browser: Browser, folder: Path
+) -> None:
+    """Not in the status line, where the next picture would keep it."""
+    Image.fromarray(np.zeros((10, 20), np.float32)).save(folder / "four.tif")  # not from its header
+    annotation = Annotation(folder, ["ball"])
+    at = [picture.name for picture in annotation.pictures].index("four.tif")
+    with shown(browser, annotation):
+        browser.run(f"go({at})")
+        browser.wait("$('unshown').textContent.includes('its numbers have a floating point')")
+        browser.run(f"go({at} + 1)")
+        browser.wait("$('unshown').textContent === ''")
+        assert browser.run("return $('said').className") == ""
+    assert all("status of 422" in error for error in browser.errors())
 
 
 def test_points_are_renamed_and_deleted_with_their_marks(browser: Browser, folder: Path) -> None:

@@ -1,6 +1,6 @@
 "use strict";
 const $ = id => document.getElementById(id);
-const view = $("view"), small = $("small"), images = new Map();
+const view = $("view"), small = $("small"), images = new Map(), failed = new Map();
 let state = {pictures: [], points: [], marks: {}, suggests: false}, at = 0, other = 0, chosen = null, past = [];
 let zoom = 1, left = 0, top_ = 0;  // of the picture in the view, CSS pixels
 let whole = "";  // these where all of the picture is in the view
@@ -21,7 +21,11 @@ function image(k) {
   if (!images.has(k)) {
     const loaded = new Image();
     loaded.onload = draw;
-    loaded.onerror = () => say(`${picture(k).name} cannot be shown`, true);
+    loaded.onerror = async () => {
+      const {error} = await fetch(`picture/${k}`).then(answer => answer.json()).catch(() => ({}));
+      failed.set(k, error ?? `${picture(k).name} cannot be shown: the command has ended`);
+      draw();
+    };
     loaded.src = `picture/${k}`;
     images.set(k, loaded);
     if (images.size > 6) for (const each of images.keys()) if (each !== k && each !== at && each !== other) { images.delete(each); break; }
@@ -94,6 +98,7 @@ function paint(canvas, k, scale, x, y) {
 function draw() {
   if (!state.pictures.length) return;
   paint(view, at, zoom, left, top_);
+  $("unshown").textContent = failed.get(at) ?? "";
   const box = small.getBoundingClientRect(), {width, height} = picture(other), mark = own(other)[chosen];
   let scale = Math.min(box.width / width, box.height / height), x = (box.width - width * scale) / 2, y = (box.height - height * scale) / 2;
   if (mark && mark[0] !== null) { scale *= 3; x = box.width / 2 - mark[0] * scale; y = box.height / 2 - mark[1] * scale; }
