@@ -130,7 +130,8 @@ def _numbered(axes: list[Any], match: PhotoMatch) -> None:
     for number, point in enumerate(match.points):
         colour = colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
         for axis, uv_px in ((axes[0], point.uv_a_px), (axes[1], point.uv_b_px)):
-            axis.plot(*uv_px, "o", ms=7, mfc=colour, mec="white", mew=1.2)
+            # Marks are over the numbers of their neighbours, which may not hide a match.
+            axis.plot(*uv_px, "o", ms=7, mfc=colour, mec="white", mew=1.2, zorder=4)
             if count <= _NUMBERED:
                 axis.annotate(
                     str(number + 1),

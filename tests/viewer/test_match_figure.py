@@ -109,6 +109,16 @@ def test_the_figure_reaches_to_a_match_off_the_object(
     assert 0 == left < min(max(at[0], 0) + 8, 300) <= right <= 300
 
 
+def test_no_number_hides_a_match(tmp_path: Path, figures: list[Figure]) -> None:
+    view = card_view(Similarity())
+    match = match_photo(METHODS["identity"](), view, view, [(100 + 3 * k, 100) for k in range(9)])  # type: ignore[arg-type]
+    draw_match(match, view, view, tmp_path / "figure.png")
+    for panel in figures[0].axes:
+        numbers = [text for text in panel.texts if text.get_text().isdigit()]
+        assert len(numbers) == 9
+        assert min(mark.zorder for mark in panel.lines) > max(text.zorder for text in numbers)
+
+
 def test_everything_a_method_says_is_told(tmp_path: Path) -> None:
     match, view = on_itself(Unsure())
     document = match.as_dict()
