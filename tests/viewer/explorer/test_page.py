@@ -279,6 +279,11 @@ def test_every_layer_can_be_seen(page: Page) -> None:
         page.browser.wait(
             "[...document.querySelectorAll('img.layer')].every(e => e.naturalWidth === 160)"
         )
+    faded = "document.querySelector('#picture-a .layer').classList.contains('loading')"
+    for name in ("index", "error"):  # until it is there, the one before is seen
+        press = f"document.querySelector('[data-layer={name}]').click(); return {faded}"
+        assert page.browser.run(press)
+        page.browser.wait(f"!{faded}")
     assert page.browser.run("return !document.getElementById('legend').hidden")
     page.browser.keys("m")  # a recorded method has no answer to every pixel
     page.browser.wait("document.querySelector('#picture-a .layer').src.includes('layer=rgb')")

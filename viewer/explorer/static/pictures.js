@@ -95,14 +95,16 @@ function put(side, name) {
   const asked = METHOD_LAYERS.includes(name)
     ? { layer: name, a: state.a, b: state.b, of: side, method: state.method }
     : { layer: name, frame };
-  image.onload = draw;
+  image.onload = () => { image.classList.remove("loading"); draw(); };
   image.onerror = async () => {
+    image.classList.remove("loading");
     const source = image.src, failed = await bytes("layer", asked).then(() => "", error => error.message);
     if (image.src !== source) return;
     if (failed || name === "rgb") { image.alt = `This picture cannot be shown: ${failed || "it cannot be decoded."}`; draw(); }
     else put(side, "rgb"); // the method has no such layer of this picture
   };
   image.alt = `${LAYERS.find(each => each[0] === name)[1]} of ${frame}`;
+  image.classList.add("loading");
   image.src = address("layer", asked);
 }
 
