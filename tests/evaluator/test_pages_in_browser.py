@@ -206,6 +206,15 @@ def test_a_point_under_the_pointer_tells_its_figures(browser: Browser, pages: Pa
     browser.wait("document.getElementById('tip').hidden")
 
 
+def test_a_pair_is_enlarged_on_a_phone(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages), 390)
+    browser.run("document.querySelector('figure.example').click()")
+    browser.wait("document.getElementById('large').open")
+    wide = "document.querySelector('#large svg.pair').getBoundingClientRect().width"
+    assert browser.run(f"return {wide}") > 700
+    assert browser.run("return document.documentElement.scrollWidth") <= 390
+
+
 def test_a_pair_is_enlarged_by_click_and_key(browser: Browser, pages: Path) -> None:
     opened(browser, report(pages))
     first = "document.querySelector('figure.example')"
