@@ -403,6 +403,13 @@ def test_restore_names_what_is_no_archive(
         assert not out.exists()
 
 
+def test_a_site_without_scores_refers_to_no_column(make_trial: MakeTrial, tmp_path: Path) -> None:
+    write_challenge_site(make_trial().challenge, tmp_path / "site")
+    page = (tmp_path / "site" / "index.html").read_text()
+    assert "No submission is scored yet" in page
+    assert "the last column" not in page
+
+
 def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> None:
     trial = scored(make_trial())
     pages = write_challenge_site(trial.challenge, tmp_path / "site")

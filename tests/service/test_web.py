@@ -69,6 +69,9 @@ def scripts_disabled(browser: Browser) -> Iterator[None]:
         browser.driver.execute_cdp_cmd(command, {"value": False})
 
 
+TEAM = "Knots of a team that takes as many words for its name as a name may have here"
+
+
 @pytest.mark.parametrize(
     ("width", "dark"), [pytest.param(1200, False, marks=pytest.mark.long), (400, True)]
 )
@@ -85,7 +88,7 @@ def test_a_host_and_a_team(
         page = Page(browser, server)
         browser.size(1200, 900)
         page.sign_in(trial.host)
-        page.fill("name", "Knots")
+        page.fill("name", TEAM)
         browser.follow("form[action='/admin/invite'] button")
         browser.wait("document.getElementById('token')")
         token = str(browser.run("return document.getElementById('token').textContent"))
@@ -126,9 +129,17 @@ def test_a_host_and_a_team(
             )
             assert browser.driver.find_elements(By.CSS_SELECTOR, ".state.refused")
         assert "4 attempts left today, 99 in all" in page.go("/submit")
-        assert "Knots" in page.go("/")
+        assert TEAM in page.go("/")
+        wide = "return document.querySelector('#board tbody th').clientWidth"
+        assert browser.run(wide) >= 140  # px; not one word per line
+        page.go("/submissions/2")
+        lines = "return document.querySelector('.issues code').getClientRects().length"
+        assert browser.run(lines) == 1
 
         page.sign_in(trial.host)
+        page.go("/submissions")
+        table = "document.querySelector('.scroll')"
+        assert browser.run(f"return {table}.scrollWidth - {table}.clientWidth") == 0
         page.go("/admin")
         browser.follow("tr:last-child form[action='/admin/credit'] button")
         browser.wait("document.body.innerText.includes('test: 5 today, 100 in all')")
