@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pliant.converters.annotation_tools import is_coco, is_labelme, read_coco, read_labelme
 from pliant.converters.annotations import Annotations
@@ -21,6 +22,8 @@ from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.marks import ANNOTATIONS_CSV
 from pliant.spec.progress import Progress
 from pliant.spec.text import plural
+
+_LEAST_SHARE: Final = 0.25  # of the canvas; of a picture that covers less, too little is seen
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,14 @@ def read_source(
         notes.append(
             f"Left out: {plural(annotations.suggested, 'mark')} that a method suggested and nobody "
             f"confirmed. To confirm: pliant annotate {folder}"
+        )
+    least = min(clip.facts["pictures"], key=lambda picture: math.prod(picture["placed"]))
+    share = math.prod(least["placed"]) / math.prod(clip.size)
+    if share < _LEAST_SHARE:
+        width, height = clip.size
+        notes.append(
+            f"The pictures differ in size: {least['name']} covers {share:.1%} of the canvas of "
+            f"{width}x{height} px, and the rest is black. --size WxH fits them into one size."
         )
     return Source([clip], "rope", "pairs", facts, notes)
 

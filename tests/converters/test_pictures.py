@@ -16,6 +16,7 @@ from pliant.converters.marks_csv import collect_marks
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 from pliant.spec.io.photo import photo_size
+from tests.conftest import Called
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, asked_and_true, imported, marked
 from tests.known import known
@@ -82,6 +83,19 @@ def test_pictures_of_three_sizes_share_a_canvas(photos: Path, tmp_path: Path) ->
     config = dataset.info["provenance"]["config"]
     assert config["points"] == ["ball", "end", "middle"]
     assert config["pictures"][1] == {"name": "b.tif", "size": [20, 30], "placed": [20, 30]}
+
+
+def test_a_picture_that_is_small_on_the_canvas_is_named(
+    photos: Path, tmp_path: Path, called: Called
+) -> None:
+    note = "b.tif covers 0.1% of the canvas of 800x600 px"
+    _, said, _ = called("import", photos, "--out", tmp_path / "alike")
+    assert "canvas" not in said
+    Image.new("RGB", (800, 600)).save(photos / "ç.webp")
+    _, said, _ = called("import", photos, "--out", tmp_path / "out")
+    assert note in said
+    _, said, _ = called("import", photos, "--out", tmp_path / "fitted", "--size", "80x60")
+    assert "canvas" not in said
 
 
 def test_a_position_beyond_all_answers_is_not_known(photos: Path, tmp_path: Path) -> None:
