@@ -20,6 +20,9 @@ _GREY: Final = "#7a8790"
 _CLEAR: Final = "#3a86b8"
 _ROW_PX: Final = 28
 
+_DASHES: Final = [[1, 0], [4, 2], [2, 2], [8, 3], [6, 2, 2, 2]]
+"""Line and gap, px. Vega's own [1, 1] is drawn as a line of half the contrast."""
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -76,7 +79,7 @@ def line_chart(
             "x": _along("x", labels.x, across),
             "y": _along("y", labels.y, up),
             "color": of_series,
-            "strokeDash": of_series,
+            "strokeDash": of_series | {"scale": {"range": _DASHES}},
             "tooltip": told,
         },
     }

@@ -206,6 +206,22 @@ def test_a_point_under_the_pointer_tells_its_figures(browser: Browser, pages: Pa
     browser.wait("document.getElementById('tip').hidden")
 
 
+def test_every_line_of_a_chart_has_its_full_contrast(browser: Browser, tmp_path: Path) -> None:
+    """Dashes of 1 px are blurred into a paler line."""
+    series = {name: ([0, 1, 2], [2.0, 1.0, k]) for k, name in enumerate("abcdef")}
+    section = Section("Curves", charts=[charts.line_chart(series, Labels("t", "x"))])
+    write_run_page(tmp_path, {}, [section])
+    opened(browser, tmp_path / "report.html")
+    browser.wait("document.querySelectorAll('[data-chart]:not([data-drawn])').length === 0")
+    dashes = browser.run(
+        "return [...document.querySelectorAll('.mark-line path')].map(line => "
+        "(line.getAttribute('stroke-dasharray') ?? '').split(',').map(Number))"
+    )
+    assert len(dashes) == 6
+    assert all(min(each[::2]) >= 2 for each in dashes if len(each) > 1 and each[1] > 0)
+    assert len({tuple(each) for each in dashes}) == 5
+
+
 def test_a_pair_is_enlarged_on_a_phone(browser: Browser, pages: Path) -> None:
     opened(browser, report(pages), 390)
     browser.run("document.querySelector('figure.example').click()")
