@@ -173,6 +173,15 @@ def test_a_damaged_file_is_named(page: Page) -> None:
     page.browser.wait("document.getElementById('status').textContent === 'depth.exr: damaged'")
 
 
+def test_a_server_that_has_ended_is_named(page: Page) -> None:
+    page.open(link_of(page.explorer))
+    page.browser.run("window.fetch = () => Promise.reject(new TypeError('Failed to fetch'))")
+    page.browser.hover(*page.at(*first_query(page.explorer)))
+    page.browser.wait(
+        "document.getElementById('status').textContent.startsWith('The command has ended. Run it')"
+    )
+
+
 def test_a_click_pins_and_arrow_keys_move(page: Page) -> None:
     page.open(link_of(page.explorer))
     u, v = first_query(page.explorer)

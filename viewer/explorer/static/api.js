@@ -8,9 +8,14 @@ export function address(name, parameters = {}) {
   return `api/${name}?${new URLSearchParams(given)}`;
 }
 
+function fetched(name, parameters) {
+  const ended = () => { throw new Error("The command has ended. Run it again, and open the address that it prints."); };
+  return fetch(address(name, parameters)).catch(ended);
+}
+
 export async function get(name, parameters) {
   if (kept) return ofNearest(name, parameters);
-  const answer = await fetch(address(name, parameters));
+  const answer = await fetched(name, parameters);
   const document = await answer.json();
   if (!answer.ok) throw new Error(document.error ?? answer.statusText);
   return document;
@@ -36,7 +41,7 @@ export async function opening(queries, pair) {
 
 /** Bytes, or null where the dataset has none. */
 export async function bytes(name, parameters) {
-  const answer = await fetch(address(name, parameters));
+  const answer = await fetched(name, parameters);
   if (answer.status === 204) return null;
   if (!answer.ok) throw new Error((await answer.json()).error ?? answer.statusText);
   return answer.arrayBuffer();
