@@ -78,12 +78,11 @@ def _tile(frame: RecordedFrame, tier: Tier, layer: str) -> Rgb:
     text = Image.new("RGB", (_TILE_PX, 16), "white")
     draw = ImageDraw.Draw(text)
     draw.fontmode = "1"  # no soft edges: the paper around the text may be made transparent
-    draw.text(
-        (1, 1),
-        f"{frame.sequence.id} #{frame.index}{shape}",
-        fill=(112, 122, 130),
-        font=ImageFont.load_default(11),
-    )
+    font = ImageFont.load_default(11)
+    name, rest = frame.sequence.id, f" #{frame.index}{shape}"
+    while len(name) > 1 and draw.textlength(name + rest, font) > _TILE_PX - 2:
+        name = f"…{name[2:]}"  # the end tells sequences apart
+    draw.text((1, 1), name + rest, fill=(112, 122, 130), font=font)
     return np.concatenate([np.asarray(text), *rows])
 
 

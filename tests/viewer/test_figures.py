@@ -3,11 +3,12 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from pliant.cli.view import command
 from pliant.evaluator.report.colours import depth_image, index_image, material_colours
@@ -16,6 +17,8 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.figures import FIGURES, draw_figure
+from tests.conftest import Called
+from tests.converters.importing import marked
 
 
 def test_one_material_point_has_one_colour_and_others_have_others(tiny_dataset: Path) -> None:
@@ -49,6 +52,27 @@ def test_a_sheet_shows_as_many_frames_as_asked_from_all_sequences(tiny_dataset: 
         rows, columns = sheet.shape[0] // (180 + 16 + 6), sheet.shape[1] // (240 + 6)
         starts = [(6 + r * 202 + 60, 6 + c * 246 + 60) for r in range(rows) for c in range(columns)]
         assert sum((sheet[at] != 255).any() for at in starts) == tiles
+
+
+def test_the_name_of_a_tile_keeps_its_end_and_its_frame(
+    tmp_path: Path, called: Called, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = {"ball": (9.0, 9.0), "end": (60.0, 40.0)}
+    marked(tmp_path / "photos", {"a.png": points, "b.png": points})
+    data = tmp_path / "photographs-of-the-blue-rope-on-the-wooden-table"
+    assert called("import", tmp_path / "photos", "--out", data)[0] == 0
+    drawn: list[tuple[str, float]] = []
+    write = ImageDraw.ImageDraw.text
+
+    def kept(draw: ImageDraw.ImageDraw, at: Any, text: str, **options: Any) -> None:
+        drawn.append((text, draw.textlength(text, options["font"])))
+        write(draw, at, text, **options)
+
+    monkeypatch.setattr(ImageDraw.ImageDraw, "text", kept)
+    dataset = Dataset.open(data)
+    contact_sheet(dataset, list(dataset.sequences), "rgb")
+    assert [text[-14:] for text, _ in drawn] == ["test-000000 #0", "test-000000 #1"]
+    assert all(200 < wide < 240 for _, wide in drawn)
 
 
 @pytest.mark.parametrize("figure", FIGURES)
