@@ -92,12 +92,13 @@ def read_source(
             f"confirmed. To confirm: pliant annotate {folder}"
         )
     least = min(clip.facts["pictures"], key=lambda picture: math.prod(picture["placed"]))
-    share = math.prod(least["placed"]) / math.prod(clip.size)
-    if share < _LEAST_SHARE:
-        width, height = clip.size
+    width, height = clip.size
+    covered = math.prod(least["placed"])
+    if covered < _LEAST_SHARE * width * height:
         notes.append(
-            f"The pictures differ in size: {least['name']} covers {share:.1%} of the canvas of "
-            f"{width}x{height} px, and the rest is black. --size WxH fits them into one size."
+            f"The pictures differ in size: {least['name']} covers "
+            f"{covered / (width * height):.1%} of the canvas of {width}x{height} px, and the rest "
+            "is black. --size WxH fits them into one size."
         )
     return Source([clip], "rope", "pairs", facts, notes)
 
