@@ -72,7 +72,7 @@ def write_surfaces(root: Path, names: list[str], tier_of: list[str]) -> None:
     }
     points = pa.table(columns, schema=tables.POINTS)
     for name, tier in zip(names, tier_of, strict=True):
-        folder = layout.sequence_dir(root, tier, name)
+        folder = root / layout.sequence_name(tier, name)
         for frame, image in enumerate(images):
             path = folder / layout.depth_name(frame)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -152,7 +152,7 @@ def write_rows(
     footer: dict[str, Any] = {**IDENTITY, "split": "test"}
     for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR):
         (root / folder).mkdir(exist_ok=True)
-    path = layout.queries_path(root, "test")
+    path = root / layout.queries_name("test")
     write_table(path, pa.table(queries, schema=tables.QUERIES), "queries", footer)
     footer["queries_sha256"] = sha256_file(path)
     state = rng.choice(4, len(pair), p=[0.75, 0.2, 0.03, 0.02])
@@ -168,7 +168,7 @@ def write_rows(
         "alternatives": _partners(uv_b, state, tier_codes),
     }
     truth_table = pa.table(truth, schema=tables.TRUTH)
-    write_table(layout.truth_path(root, "test"), truth_table, "truth", footer)
+    write_table(root / layout.truth_name("test"), truth_table, "truth", footer)
     order = rng.permutation(len(pair))
     answer = (uv_b + rng.normal(0, 6, uv_b.shape)).astype(np.float32)[order]
     columns = pair[order], query[order], *answer.T

@@ -144,7 +144,7 @@ def write_imported(
         on_mask: list[bool] = []
         documents = []
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
-            folder = layout.sequence_dir(root, settings.id, name)
+            folder = root / layout.sequence_name(settings.id, name)
             files = []
             for frame in range(clip.frames):
                 names, mask, ball = _write_frame(clip, frame, folder, settings.kind)
@@ -264,7 +264,7 @@ def _write_tables(
     rows = [{**document, "coverage": None, "self_occluded": 0.0} for document in documents]
     table = pa.Table.from_pylist(rows, schema=SEQUENCES)
     write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
-    path = layout.queries_path(root, settings.split)
+    path = root / layout.queries_name(settings.split)
     path.parent.mkdir()
     footer: dict[str, Any] = {**identity, "split": settings.split}
     write_table(path, queries, "queries", footer)

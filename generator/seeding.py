@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.spec.secrets import GUESSABLE_BELOW
-from pliant.spec.storage.layout import sequence_dir
+from pliant.spec.storage.layout import sequence_name
 
 
 class Stream(StrEnum):
@@ -60,7 +60,7 @@ class SequenceTask:
 
     def folder(self, root: Path) -> Path:
         """Return the sequence's folder in a dataset."""
-        return sequence_dir(root, self.tier, self.id)
+        return root / sequence_name(self.tier, self.id)
 
 
 @dataclass(frozen=True)

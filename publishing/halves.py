@@ -177,7 +177,7 @@ def write_private(
     _copy(dataset, [*_TOP, *map(layout.truth_name, settings.hold_out)], root)
     held = [s for s in dataset.sequences if s.split in settings.hold_out]
     for done, sequence in enumerate(held, 1):
-        folder = layout.sequence_dir(root, sequence.tier, sequence.id)
+        folder = root / layout.sequence_name(sequence.tier, sequence.id)
         folder.mkdir(parents=True)
         files = _VerifiedFiles(sequence)
         for name in files:

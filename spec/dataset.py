@@ -322,7 +322,7 @@ class Dataset:
                 disagree about its frames.
         """
         return group_queries(
-            self.queries(split), self.frame, path=layout.queries_path(self.root, split)
+            self.queries(split), self.frame, path=self.root / layout.queries_name(split)
         )
 
     def queries(self, split: str) -> pa.Table:

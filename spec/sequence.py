@@ -104,7 +104,7 @@ class SequenceRecord:
     @property
     def dir(self) -> Path:
         """Its folder, or where it would be if the dataset were not packed."""
-        return layout.sequence_dir(self.root, self.tier, self.id)
+        return self.root / layout.sequence_name(self.tier, self.id)
 
     def has(self, name: str) -> bool:
         """Return whether the sequence has a file, such as `depth/000000.exr`."""

@@ -185,7 +185,7 @@ def write_queries(
     asked = pa.Table.from_pylist(list(queries), schema=QUERIES)
     true = pa.Table.from_pylist(list(truth), schema=TRUTH)
     footer = {"dataset": {"id": name, "version": "1.0.0"}, "split": split}
-    path, truth_path = layout.queries_path(root, split), layout.truth_path(root, split)
+    path, truth_path = root / layout.queries_name(split), root / layout.truth_name(split)
     for each in (path, truth_path):
         each.parent.mkdir(exist_ok=True)
     write_table(path, asked, "queries", footer)

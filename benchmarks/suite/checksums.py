@@ -14,7 +14,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.reading import sha256_file
-from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, queries_path, truth_path
+from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, queries_name, truth_name
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ def set_checksums(data: Path) -> dict[str, Any]:
         if each.split == TEST_SPLIT
     }
     return {
-        "queries": sha256_file(queries_path(data, TEST_SPLIT)),
-        "truth": sha256_file(truth_path(data, TEST_SPLIT)),
+        "queries": sha256_file(data / queries_name(TEST_SPLIT)),
+        "truth": sha256_file(data / truth_name(TEST_SPLIT)),
         "tables": tables,
     }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Final
 
 DATASET_JSON: Final = "dataset.json"
@@ -64,11 +63,6 @@ def pairs_name(split: str) -> str:
     return f"{PAIRS_DIR}/{split}.parquet"
 
 
-def sequence_dir(root: Path, tier: str, sequence: str) -> Path:
-    """Return `ROOT/sequences/TIER/ID`."""
-    return root / SEQUENCES_DIR / tier / sequence
-
-
 def rgb_name(frame: int) -> str:
     """Return the frame's colour image, relative to its sequence folder."""
     return f"rgb/{frame:06d}.png"
@@ -87,13 +81,3 @@ def mask_name(frame: int) -> str:
 def camera_depth_name(frame: int) -> str:
     """Return the frame's depth alone, as a camera gave it, relative to its sequence folder."""
     return f"camera_depth/{frame:06d}.exr"
-
-
-def queries_path(root: Path, split: str) -> Path:
-    """Return `ROOT/queries/SPLIT.parquet`."""
-    return root / QUERIES_DIR / f"{split}.parquet"
-
-
-def truth_path(root: Path, split: str) -> Path:
-    """Return `ROOT/truth/SPLIT.parquet`."""
-    return root / TRUTH_DIR / f"{split}.parquet"

@@ -148,7 +148,7 @@ def validate(
         compare_frames(checked, findings)
         known = {result.id: result for result in checked}
         for split in SPLITS:
-            paths = (layout.queries_path(root, split), layout.truth_path(root, split))
+            paths = (root / layout.queries_name(split), root / layout.truth_name(split))
             if any(path.exists() or path.is_symlink() for path in paths):
                 findings.merge(check_split_queries(context, split, known))
     return _report(root, quick, findings, limit, sequences, frames)

@@ -68,7 +68,7 @@ PAIRS = ((0, 1), (0, 2), (2, 1))
 def write_cards(root: Path) -> None:
     """Write the dataset: one sequence of three frames, three pairs of twenty queries."""
     sequence = "card-test-000000"
-    folder = layout.sequence_dir(root, "card", sequence)
+    folder = root / layout.sequence_name("card", sequence)
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     for frame, pose in enumerate(POSES):

@@ -78,7 +78,7 @@ def test_oracle_writes_the_truth(cards: Dataset, tmp_path: Path) -> None:
 
 
 def test_oracle_needs_the_truth_of_these_queries(own_cards: Path, tmp_path: Path) -> None:
-    path, out = layout.truth_path(own_cards, "test"), tmp_path / "oracle.parquet"
+    path, out = own_cards / layout.truth_name("test"), tmp_path / "oracle.parquet"
     table = pq.read_table(path)
     pq.write_table(table.take(pa.array(range(59, -1, -1))), path)
     with pytest.raises(SpecError, match="row by row"):

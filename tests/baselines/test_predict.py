@@ -135,7 +135,7 @@ def test_masks_can_be_withheld(cards: Dataset, tmp_path: Path, workers: int) -> 
 
 
 def test_frames_without_surface_are_searched_whole(own_cards: Path, tmp_path: Path) -> None:
-    frame = layout.sequence_dir(own_cards, "card", "card-test-000000") / layout.depth_name(1)
+    frame = own_cards / layout.sequence_name("card", "card-test-000000") / layout.depth_name(1)
     frame.unlink()
     out = tmp_path / "random.parquet"
     partly = predict(Dataset.open(own_cards), "test", METHODS["random"](), out)
@@ -352,7 +352,7 @@ def test_broken_image_stops_and_leaves_the_old_file(own_cards: Path, tmp_path: P
     out = tmp_path / "out.parquet"
     write_template(dataset, "test", out)
     before = out.read_bytes()
-    image = layout.sequence_dir(own_cards, "card", "card-test-000000") / layout.rgb_name(2)
+    image = own_cards / layout.sequence_name("card", "card-test-000000") / layout.rgb_name(2)
     image.write_bytes(image.read_bytes()[:200])
     with pytest.raises(SpecError, match=r"000002\.png"):
         predict(dataset, "test", Fixed(), out)
@@ -371,7 +371,7 @@ def test_broken_image_stops_and_leaves_the_old_file(own_cards: Path, tmp_path: P
 def test_queries_that_contradict_themselves_are_refused(
     column: str, row: int, value: Any, message: str, own_cards: Path, tmp_path: Path
 ) -> None:
-    path = layout.queries_path(own_cards, "test")
+    path = own_cards / layout.queries_name("test")
     table = pq.read_table(path)
     values = table.column(column).to_pylist()
     values[row] = value

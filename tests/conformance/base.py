@@ -142,7 +142,7 @@ def write_sequence(
 ) -> dict[str, Any]:
     """Write one sequence of a tier; return its row of sequences.parquet."""
     name = f"{described['name']}-{split}-{index:06d}"
-    folder = layout.sequence_dir(root, described["name"], name)
+    folder = root / layout.sequence_name(described["name"], name)
     frames = [_frame_files(shot, points) for shot in shots]
     table = dataset_files.points_table(
         points.material, points.partners, points.object_id, points.centreline

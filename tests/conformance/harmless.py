@@ -44,7 +44,7 @@ def is_harmless(base: Path, changed: Path) -> bool:
             if not before.queries(split).equals(after.queries(split)):
                 return False
             # A publisher may leave the truth out; what is there must be the truth.
-            if layout.truth_path(changed, split).exists() and not (
+            if (changed / layout.truth_name(split)).exists() and not (
                 before.truth(split).equals(after.truth(split))
             ):
                 return False

@@ -15,7 +15,7 @@ from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.io.parquet import read_table
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.io.yamlfiles import read_yaml
-from pliant.spec.storage.layout import queries_path
+from pliant.spec.storage.layout import queries_name
 from pliant.spec.tables import ANSWERS_OPTIONAL
 from tests.conformance.edits import change_document
 
@@ -39,7 +39,7 @@ def perfect(dataset: Path, table: str) -> tuple[Columns, dict[str, Any]]:
         table: `answers` or `matches`.
     """
     truth = read_table(dataset / "truth" / f"{SPLIT}.parquet", "truth")
-    queries = read_table(queries_path(dataset, SPLIT), "queries")
+    queries = read_table(dataset / queries_name(SPLIT), "queries")
     given = {"pair_id": truth["pair_id"], "u": truth["u_b"], "v": truth["v_b"]}
     if table == "answers":
         given["query_id"] = truth["query_id"]
@@ -51,7 +51,7 @@ def perfect(dataset: Path, table: str) -> tuple[Columns, dict[str, Any]]:
         "table": table,
         "dataset": {"id": "conformance-full", "version": "1.0.0"},
         "split": SPLIT,
-        "queries_sha256": sha256_file(queries_path(dataset, SPLIT)),
+        "queries_sha256": sha256_file(dataset / queries_name(SPLIT)),
         "method": {"name": "truth"},
     }
     return {name: column.to_numpy().copy() for name, column in given.items()}, footer

@@ -201,7 +201,7 @@ def make_scene(
             facts |= {"shape": "open"} if kind == "rope" else {"coverage": 0.5 + 0.1 * index}
             rows.append(listing_row(name, kind, split, frames, **facts))
             if images:
-                _write_images(layout.sequence_dir(root, kind, name), kind, poses, points, each)
+                _write_images(root / layout.sequence_name(kind, name), kind, poses, points, each)
             for a, b in frame_pairs:
                 pair = {"pair_id": len(asked) // queries, "tier": kind}
                 seen_in = {"sequence_a": name, "frame_a": a, "sequence_b": name, "frame_b": b}

@@ -76,7 +76,7 @@ def write_sheet_dataset(
                 _frame(sheet_map(seed, frame, size, step), size, material)
                 for frame in range(frames)
             ]
-            write_frames(layout.sequence_dir(root, "sheet", name), points, shown)
+            write_frames(root / layout.sequence_name("sheet", name), points, shown)
             rows.append(listing_row(name, "sheet", split, frames, temporal=temporal, coverage=1.0))
     write_dataset(root, "sheets", rows, [described], size, splits=list(splits))
     return root

@@ -90,7 +90,7 @@ def check_any_sequence(
 
 def _unpack(files: PackedFiles, root: Path, tier: str, name: str, problems: FileProblems) -> bool:
     """Write a sequence's files below a folder; return whether the index is right about all."""
-    folder = layout.sequence_dir(root, tier, name)
+    folder = root / layout.sequence_name(tier, name)
     folder.mkdir(parents=True)
     sound = True
     for path, (shard, _, _) in files.members(name).items():

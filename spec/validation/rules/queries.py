@@ -48,8 +48,8 @@ def check_split_queries(
         The problems.
     """
     findings = Findings()
-    path = layout.queries_path(context.root, split)
-    truth_path = layout.truth_path(context.root, split)
+    path = context.root / layout.queries_name(split)
+    truth_path = context.root / layout.truth_name(split)
     of_queries = findings.at(layout.queries_name(split))
     of_truth = findings.at(layout.truth_name(split))
     if split not in context.splits:

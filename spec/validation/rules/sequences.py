@@ -57,7 +57,7 @@ def check_sequence(
     result = SequenceResult(name, tier_name)
     findings = result.findings
     shown = f"{layout.SEQUENCES_DIR}/{tier_name}/{name}"
-    folder = layout.sequence_dir(context.root, tier_name, name)
+    folder = context.root / layout.sequence_name(tier_name, name)
     files = list_sequence(folder, shown, findings)
     info = _read_info(context, files, tier_name, name, row)
     if info is None:
