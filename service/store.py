@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pliant.spec.io.writing import synced
@@ -20,23 +22,28 @@ class FolderStore:
         self._root = root
 
     def put(self, file: Path, sha256: str) -> None:
-        """Store a file durably; one that is there already stays."""
+        """Store a copy of a file durably; one that is there already stays."""
+        if not self.path(sha256).exists():
+            with self.copied(file, sha256) as keep:
+                keep()
+
+    @contextmanager
+    def copied(self, file: Path, sha256: str) -> Iterator[Callable[[], None]]:
+        """Copy a file, and yield what puts the copy at its place; without that it is removed."""
         place = self.path(sha256)
-        if place.exists():
-            return
         place.parent.mkdir(parents=True, exist_ok=True)
         partial = place.with_name(f".{place.name}.{os.getpid()}-{os.urandom(4).hex()}")
+
+        def keep() -> None:
+            partial.replace(place)
+            synced(place.parent)
+
         try:
             shutil.copyfile(file, partial)
             synced(partial)
-            partial.replace(place)
-            synced(place.parent)
+            yield keep
         finally:
             partial.unlink(missing_ok=True)
-
-    def remove(self, sha256: str) -> None:
-        """Remove a file that no submission names."""
-        self.path(sha256).unlink(missing_ok=True)
 
     def path(self, sha256: str) -> Path:
         """Return where a file is, or would be."""

@@ -127,12 +127,6 @@ def may_be_known(session: Session, phase: Phase, who: Identity, size: int | None
     return session.scalar(same_size.limit(1)) is not None
 
 
-def is_named(session: Session, sha256: str) -> bool:
-    """Return whether any team has a submission of a file."""
-    same = select(Submission.id).where(Submission.file_sha256 == sha256)
-    return session.scalar(same.limit(1)) is not None
-
-
 def sent_before(session: Session, phase: Phase, who: Identity, upload: Upload) -> Submission | None:
     """Return the submission that a team made of the same file, unless it was refused or failed.
 

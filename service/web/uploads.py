@@ -17,7 +17,6 @@ from pliant.service.submissions import (
     Upload,
     accept,
     check_allowed,
-    is_named,
     may_be_known,
     sent_before,
 )
@@ -118,18 +117,11 @@ def _accept(
             if earlier is None:
                 raise refusal
             return submission_view(session, earlier, who), False
-    store = site.challenge.store
-    store.put(file, upload.sha256)
-    try:
-        with site.database.write() as session:
-            submission, new = accept(session, site.challenge, phase, who, upload)
-            store.put(file, upload.sha256)  # it is gone if another team's same file was refused
-            return submission_view(session, submission, who), new
-    except NotAcceptedError:
-        with site.database.write() as session:
-            if not is_named(session, upload.sha256):
-                store.remove(upload.sha256)
-        raise
+    copied = site.challenge.store.copied(file, upload.sha256)
+    with copied as keep, site.database.write() as session:
+        submission, new = accept(session, site.challenge, phase, who, upload)
+        keep()
+        return submission_view(session, submission, who), new
 
 
 def _plain_name(name: str) -> str:

@@ -17,16 +17,13 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select, text
-from sqlalchemy.orm import Session
 
 from pliant.evaluator import read_protocol
-from pliant.service.challenge import Challenge
 from pliant.service.models import Submission
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
-from pliant.service.settings import Phase, Scoring
+from pliant.service.settings import Scoring
 from pliant.service.store import FolderStore
-from pliant.service.submissions import Upload, accept
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
@@ -286,20 +283,6 @@ def test_a_file_that_is_refused_at_the_last_moment_is_not_stored(
         assert len(list(stored.rglob("*.parquet"))) == 2
 
 
-def test_a_file_that_is_removed_while_it_is_accepted_is_stored_again(
-    plain: Trial, plain_client: TestClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Another team's same file was refused between the file's storing and its acceptance."""
-
-    def slow(session: Session, challenge: Challenge, phase: Phase, who: Any, upload: Upload) -> Any:
-        challenge.store.remove(upload.sha256)
-        return accept(session, challenge, phase, who, upload)
-
-    monkeypatch.setattr("pliant.service.web.uploads.accept", slow)
-    sent = submit(plain_client, plain.tokens[0], b"good").json()
-    assert plain.challenge.store.path(sent["file_sha256"]).read_bytes() == b"good"
-
-
 def test_pages_show_the_digits_that_decide_ranks(plain: Trial, plain_client: TestClient) -> None:
     def close(task: Task, limits: Scoring) -> Result:
         figures = {"overall": {"rmse_px": 131.7, "pck_8px": 0.03535}}
@@ -438,7 +421,7 @@ def test_a_full_disk_charges_nothing(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(FolderStore, "put", full)
+        patch.setattr(FolderStore, "copied", full)
         answer = submit(client, trial.tokens[0], b"good")
     assert answer.status_code == 507
     assert answer.json()["code"] == "DISK_FULL"
