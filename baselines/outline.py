@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, central_position
+from pliant.baselines.remarks import cut_object_remarks, unread_remarks
 from pliant.spec.answers import Answers
-from pliant.spec.arrays import FloatArray, Mask, border
+from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
@@ -29,30 +30,6 @@ _STRAIGHT: Final = 0.02
 """Distance of an outline from the straight edges that stand for it, over the root of its area."""
 
 _KEPT_VIEWS: Final = 8
-
-_CUT: Final = 0.02
-"""Share of a picture's longer side: a mask that covers more of the border goes on outside."""
-
-
-def cut_object_remarks(source: Mask | None, target: Mask | None) -> list[str]:
-    """Return what a user should know of objects that leave their pictures, as sentences.
-
-    Args:
-        source: bool (H, W), where a picture shows the object, or None where that is unknown.
-        target: Likewise of the other picture.
-    """
-    masks = {"source": source, "target": target}
-    cut = [
-        name
-        for name, mask in masks.items()
-        if mask is not None and border(mask).sum() > _CUT * max(mask.shape)
-    ]
-    if not cut:
-        return []
-    return [
-        f"The object leaves the picture of the {' and the '.join(cut)}: places are answered as if "
-        "both pictures showed all of it."
-    ]
 
 
 def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:
@@ -191,13 +168,9 @@ class ClothOutline:
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
-        unread = [
-            f"The {name} has no mask with four corners, so {self.name} answers with the middle of "
-            "the target: give a mask of the cloth."
-            for name, view in (("source", source), ("target", target))
-            if self._of(view) is None
-        ]
-        return unread or cut_object_remarks(source.mask, target.mask)
+        read = (self._of(view) is not None for view in (source, target))
+        unread = unread_remarks(read, self.name, "with four corners", "cloth")
+        return unread or cut_object_remarks((source.mask, target.mask))
 
     def _of(self, view: Frame) -> FloatArray | None:
         mask = view.mask

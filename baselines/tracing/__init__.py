@@ -1,12 +1,13 @@
 """Following a rope through its mask, from one end to the other."""
 
-from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
+from pliant.baselines.tracing.beyond_border import completed, with_cut_ends
 from pliant.baselines.tracing.crossings import Crossing, Overlap, SeenStrand, self_crossings
 from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, has_ball, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape, has_ball
 from pliant.baselines.tracing.rectification import rectified, untilted
 from pliant.baselines.tracing.reframing import Reframed
+from pliant.baselines.tracing.remarks import rope_remarks
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.strands import Skeleton
 from pliant.baselines.tracing.tilt import Nadir
@@ -24,16 +25,14 @@ __all__ = [
     "SeenStrand",
     "Skeleton",
     "Trace",
-    "ball_remarks",
     "completed",
-    "cut_remarks",
     "half_width_px",
     "has_ball",
     "located",
-    "mask_remarks",
     "pair_log_odds",
     "placed",
     "rectified",
+    "rope_remarks",
     "rope_traces",
     "self_crossings",
     "untilted",

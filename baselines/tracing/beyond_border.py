@@ -58,30 +58,6 @@ def completed(
     )
 
 
-def cut_remarks(source: Sequence[Trace], target: Sequence[Trace]) -> list[str]:
-    """Return what a user should know of ropes that leave their pictures, as sentences.
-
-    Args:
-        source: Traces in one picture, from `with_cut_ends`, the most plausible first.
-        target: Traces in the other.
-    """
-    pictures = {"source": source, "target": target}
-    cut = [name for name, traces in pictures.items() if traces and any(traces[0].cut)]
-    back = [name for name, traces in pictures.items() if traces and traces[0].comes_back]
-    remarks = []
-    if cut:
-        remarks.append(
-            f"The rope leaves the picture of the {' and the '.join(cut)}: how much of it is "
-            "outside is taken from its width, as if both pictures showed one and the same rope."
-        )
-    if back:
-        remarks.append(
-            f"The rope leaves the picture of the {' and the '.join(back)} and comes back: the way "
-            "that it takes outside is a guess."
-        )
-    return remarks
-
-
 def _continued(trace: Trace, other: Trace) -> Trace:
     """Return a trace with one end cut that goes on there for as long as another; others come back.
 

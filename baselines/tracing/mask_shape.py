@@ -65,43 +65,11 @@ class MaskShape:
         return ""
 
 
-def mask_remarks(source: MaskShape | None, target: MaskShape | None) -> list[str]:
-    """Return what a user should know of the masks of two pictures of ropes, as sentences.
-
-    Args:
-        source: Shape of the source's mask; None where it has none.
-        target: Likewise.
-    """
-    shapes = {"source": source, "target": target}
-    found = [shape.remark(name) for name, shape in shapes.items() if shape is not None]
-    return [remark for remark in found if remark]
-
-
 def has_ball(view: Frame) -> bool | None:
     """Return whether a rope has a ball, or None where its masks do not tell."""
     if view.mask is None or view.objects is None:
         return None
     return bool((view.objects & ~view.mask).any())
-
-
-def ball_remarks(source: Frame, target: Frame) -> list[str]:
-    """Return what a user should know of ropes on which no ball is known, as sentences.
-
-    Args:
-        source: A picture with the masks that are used.
-        target: Likewise.
-    """
-    bare = [
-        name
-        for name, view in (("source", source), ("target", target))
-        if view.mask is not None and not has_ball(view)
-    ]
-    if not bare:
-        return []
-    return [
-        f"No ball is known at an end of the rope in the {' and the '.join(bare)}: without one, "
-        "both ends look alike, and all answers may run the other way along the rope."
-    ]
 
 
 def _ends(mask: Mask) -> int:

@@ -8,11 +8,13 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.baselines.pixels import central_position
-from pliant.baselines.tracing.beyond_border import completed, cut_remarks, with_cut_ends
+from pliant.baselines.remarks import unread_remarks
+from pliant.baselines.tracing.beyond_border import completed, with_cut_ends
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape, ball_remarks, mask_remarks
+from pliant.baselines.tracing.mask_shape import MaskShape
 from pliant.baselines.tracing.rectification import rectified
 from pliant.baselines.tracing.reframing import Reframed
+from pliant.baselines.tracing.remarks import rope_remarks
 from pliant.baselines.tracing.transfer import best_pair, located, placed
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame, Pair
@@ -55,20 +57,14 @@ class RopeTracer:
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
-        unread = [
-            f"The {name} has no mask that shows a rope, so {self.name} answers with the middle of "
-            "the target: give a mask of the rope."
-            for name, view in (("source", source), ("target", target))
-            if not self._of(view)[1]
-        ]
-        if unread:
+        views = (source, target)
+        traces = [self._of(view)[1] for view in views]
+        if unread := unread_remarks(map(bool, traces), self.name, "that shows a rope", "rope"):
             return unread
         shapes = [
-            None if view.mask is None else MaskShape.of(view.mask, view.objects)
-            for view in (source, target)
+            None if view.mask is None else MaskShape.of(view.mask, view.objects) for view in views
         ]
-        known = mask_remarks(*shapes) or ball_remarks(source, target)
-        return [*known, *cut_remarks(self._of(source)[1], self._of(target)[1])]
+        return rope_remarks(views, shapes, traces)
 
     def _of(self, view: Frame) -> tuple[Reframed, list[Trace]]:
         def traced() -> tuple[Reframed, list[Trace]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ import numpy as np
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.outline import cut_object_remarks
-from pliant.baselines.tracing import Reframed, ball_remarks, cut_remarks, mask_remarks
+from pliant.baselines.remarks import cut_object_remarks
+from pliant.baselines.tracing import Reframed, rope_remarks
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
@@ -134,16 +135,17 @@ class DonMatcher:
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
         if self.settings.decode != "trace":
-            return cut_object_remarks(self.object_mask(source), self.object_mask(target))
+            return cut_object_remarks([self.object_mask(view) for view in (source, target)])
         traced = [self._traced(self.reader.seen(view)) for view in (source, target)]
         shapes = [None if each.view.mask is None else each.shape for each in traced]
-        known = mask_remarks(*shapes) or ball_remarks(*(each.view for each in traced))
-        return [*known, *cut_remarks(*(each.traces for each in traced))]
+        views, traces = [each.view for each in traced], [each.traces for each in traced]
+        return rope_remarks(views, shapes, traces)
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
-        from_view = self.reader.turned_as(from_view, in_view, self._coarsely)
+        coarsely = partial(self.answered_by_network, every_px=GRID_EVERY_PX)
+        from_view = self.reader.turned_as(from_view, in_view, coarsely)
         unmasked = source.mask is None or target.mask is None
         unmasked |= from_view.segmented or in_view.segmented
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))
@@ -293,9 +295,6 @@ class DonMatcher:
         sharp = decode_position(found.deciding, found.uv_px, self.settings.decode)
         position = sharp.double().numpy() * self._views.pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
-
-    def _coarsely(self, pair: Pair) -> FloatArray:
-        return self.answered_by_network(pair, GRID_EVERY_PX)
 
     def answered_by_network(self, pair: Pair, every_px: int = 1) -> FloatArray:
         """Return what the network alone answers, without traces: float64 (N, 2), target pixels.

@@ -12,9 +12,9 @@ from pliant.baselines import Frame
 from pliant.baselines.outline import (
     ClothOutline,
     angle_from_upright,
-    cut_object_remarks,
     outline_sides,
 )
+from pliant.baselines.remarks import cut_object_remarks
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 from tests.known import known
@@ -110,7 +110,7 @@ def test_an_object_that_leaves_its_picture_is_reported() -> None:
     assert remark.startswith("The object leaves the picture of the target: ")
     corner = np.zeros_like(mask)
     corner[:2, :2] = True  # touches the border
-    assert cut_object_remarks(mask | corner, None) == []
+    assert cut_object_remarks((mask | corner, None)) == []
 
 
 @pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])
