@@ -52,7 +52,6 @@ def train(
     *,
     resume: bool = False,
     progress: StepProgress | None = None,
-    stop_at: int | None = None,
 ) -> TrainingState:
     """Train, or go on training.
 
@@ -61,7 +60,6 @@ def train(
         run: The run's folder, which exists.
         resume: Go on from the newest checkpoint.
         progress: Called after each step.
-        stop_at: Stop after this many steps with a checkpoint, as an interruption would.
 
     Returns:
         Where the run stands; `average` are the weights to answer with.
@@ -73,7 +71,6 @@ def train(
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
     state = _start(task, optimiser, run, resume)
-    stop = settings.steps if stop_at is None else min(stop_at, settings.steps)
     patience = settings.validation.patience
 
     def conclude_step() -> bool:
@@ -81,7 +78,7 @@ def train(
         if _validation_is_due(state, settings):
             _validate(task, run, state, writer)
         ended = bool(agree(float(0 < patience <= state.waited), processes))
-        last = ended or state.step in (stop, settings.steps)
+        last = ended or state.step == settings.steps
         if processes.first and (last or state.step % settings.checkpoint_every == 0):
             _save(run, state, network, optimiser)
         if progress is not None:
@@ -94,7 +91,7 @@ def train(
         try:
             # A run that was interrupted while it validated has not concluded its last step.
             if not (resume and conclude_step()):
-                for batch in task.batches(state.step, stop):
+                for batch in task.batches(state.step, settings.steps):
                     with interrupts_deferred():  # half a step cannot be resumed
                         _step(task, run, batch, state, optimiser, writer)
                     if conclude_step():

@@ -24,13 +24,10 @@ class RunOptions(TypedDict, total=False):
     Attributes:
         resume: Go on from the newest checkpoint.
         progress: Called after each step.
-        stop_at: Stop after this many steps with a checkpoint, as an interruption would: the run is
-            not measured then, unless they are all its steps.
     """
 
     resume: bool
     progress: StepProgress | None
-    stop_at: int | None
 
 
 def train_task(
@@ -69,8 +66,7 @@ def train_task(
         task = task_type(dataset, settings, run, processes)
         state = train(task, run, **options)
         facts = run_facts(dataset, settings, state.step, processes) | task.facts()
-        interrupted = options.get("stop_at") is not None and state.step < settings.steps
-        if processes.first and not interrupted and (run / BEST).is_file():
+        if processes.first and (run / BEST).is_file():
             load_best(task.network, run)
             task.finish(run, state.history, facts)
     return facts

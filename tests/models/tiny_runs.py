@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
+
+import pytest
 
 from pliant.models.don.settings import DonSettings
 from pliant.models.timecycle.settings import TimeCycleSettings
@@ -40,6 +43,17 @@ def don(*overrides: str) -> DonSettings:
 
 def timecycle(*overrides: str) -> TimeCycleSettings:
     return read_settings(TimeCycleSettings, None, [*TIMECYCLE, *overrides])
+
+
+def train_two_steps(train: Callable[..., object], *given: object) -> None:
+    """Begin a training that is interrupted after its second step."""
+
+    def interrupt(step: int, figures: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(*given, progress=interrupt)
 
 
 def options(*overrides: str) -> list[str]:

@@ -27,7 +27,7 @@ from pliant.spec.errors import CallError, TrainingError
 from tests.known import known
 from tests.loaders.sheet_dataset import write_sheet_dataset
 from tests.models.same_runs import last_checkpoint
-from tests.models.tiny_runs import DON, don, options
+from tests.models.tiny_runs import DON, don, options, train_two_steps
 
 
 @pytest.mark.long
@@ -65,7 +65,7 @@ def test_a_run_interrupted_before_its_first_checkpoint_begins_again(
         train_don(sheet_dataset, run, don(), resume=True)
     with open_run(run, don(), False, "decode"), pytest.raises(CallError, match="another process"):
         train_don(sheet_dataset, run, don())
-    train_don(sheet_dataset, run, don(), stop_at=2)
+    train_two_steps(train_don, sheet_dataset, run, don())
     assert len(list((run / "tensorboard").iterdir())) == 1
     with pytest.raises(CallError, match="must be empty"):
         train_don(sheet_dataset, run, don())
@@ -76,7 +76,7 @@ def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path)
     other = Dataset.open(write_sheet_dataset(tmp_path / "set", {"train": 2, "val": 3}))
     assert other.id == sheet_dataset.id
     run = tmp_path / "run"
-    train_don(sheet_dataset, run, don(), stop_at=2)
+    train_two_steps(train_don, sheet_dataset, run, don())
     with pytest.raises(TrainingError, match="run: a run goes on with the data it began with"):
         train_don(other, run, don(), resume=True)
 
@@ -210,7 +210,7 @@ def test_what_cannot_go_on_or_answer_is_refused(sheet_dataset: Dataset, tmp_path
     with pytest.raises(CallError, match="not a training run"):
         load_matcher(tmp_path / "nothing")
     run = tmp_path / "run"
-    train_don(sheet_dataset, run, don("steps=2"), stop_at=2)
+    train_don(sheet_dataset, run, don("steps=2"))
     with pytest.raises(TrainingError, match="settings it began with"):
         train_don(sheet_dataset, run, don("steps=9"), resume=True)
     folder = known(latest_checkpoint(run))

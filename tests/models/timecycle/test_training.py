@@ -30,7 +30,7 @@ from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.models.same_runs import assert_same_runs, last_checkpoint
-from tests.models.tiny_runs import timecycle
+from tests.models.tiny_runs import timecycle, train_two_steps
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> Non
     dataset = Dataset.open(tiny_episode)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_timecycle(dataset, whole, settings)
-    train_timecycle(dataset, parts, settings, stop_at=2)
+    train_two_steps(train_timecycle, dataset, parts, settings)
     assert last_checkpoint(parts).step == 2
     train_timecycle(dataset, parts, settings, resume=True)
     assert_same_runs(whole, parts, steps=6)
