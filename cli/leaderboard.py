@@ -88,11 +88,10 @@ def command(
 def _write_page(reports: tuple[Path, ...], out: Path) -> list[Scores]:
     """Write the page of the table alone; return what it shows."""
     from pliant.evaluator.report.leaderboard import read_reports, render_leaderboard
-    from pliant.spec.io.writing import replacing
+    from pliant.spec.io.writing import write_file
 
     scores = read_reports(reports)
     page = render_leaderboard(scores)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(out) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_file(out, page)
     return scores

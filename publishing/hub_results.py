@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 from pliant.spec.io.yamlfiles import yaml_text
 
 EVAL_YAML: Final = "eval.yaml"
@@ -115,6 +115,5 @@ def write_results(entries: list[Any], out: Path) -> Path:
     name = entries[0]["dataset"]["id"].replace("/", "--")
     path = out / ".eval_results" / f"{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as partial:
-        partial.write_bytes(yaml_text(entries).encode())
+    write_file(path, yaml_text(entries))
     return path

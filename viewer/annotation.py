@@ -15,7 +15,7 @@ from typing import Any, Final
 from pliant.baselines.matcher import Matcher
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size
-from pliant.spec.io.writing import replacing, require_folder
+from pliant.spec.io.writing import require_folder, write_file
 from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
 from pliant.spec.text import escaped, number_order, plural, shortened
 from pliant.viewer.photo_match import match_photo
@@ -150,8 +150,7 @@ class Annotation:
                     x, y, visible, source = _listed(own[point])
                     shown = ["" if each is None else f"{each:.3f}" for each in (x, y)]
                     rows.writerow([picture.name, point, *shown, int(visible), source])
-        with replacing(self.path) as partial:
-            partial.write_text(text.getvalue(), encoding="utf-8")
+        write_file(self.path, text.getvalue())
 
     def count(self, source: str | None = None) -> int:
         """Return the number of marks, or of those of one source."""

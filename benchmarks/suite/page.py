@@ -16,7 +16,7 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.pages import render_page
 from pliant.spec.io.jsonfiles import write_json
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 
 _TEMPLATES = "pliant.benchmarks.suite"
 
@@ -43,8 +43,7 @@ def write_results(
     (out / "results.md").write_text(text, encoding="utf-8")
     report = out / "report" / "index.html"
     report.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(report) as partial:
-        partial.write_text(report_page(config, work, rows), encoding="utf-8")
+    write_file(report, report_page(config, work, rows))
     return document
 
 

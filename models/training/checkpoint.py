@@ -21,7 +21,7 @@ from safetensors.torch import load_file, save
 from pliant.spec.errors import TrainingError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.staging import discard, staged
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 
 CHECKPOINTS: Final = "checkpoints"
 BEST: Final = "best.safetensors"
@@ -66,9 +66,7 @@ def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
         path: The `.safetensors` file.
         weights: Name -> tensor.
     """
-    data = save({k: v.detach().cpu().contiguous() for k, v in weights.items()})
-    with replacing(path) as partial:  # `save_file` has temporary files of its own
-        partial.write_bytes(data)
+    write_file(path, save({k: v.detach().cpu().contiguous() for k, v in weights.items()}))
 
 
 def read_weights_file(path: Path) -> Weights:

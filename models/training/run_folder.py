@@ -29,7 +29,7 @@ from pliant.spec.configuration import (
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 from pliant.spec.io.yamlfiles import yaml_text
 
 CONFIG: Final = "config.yaml"
@@ -191,8 +191,7 @@ def _is_only_begun(run: Path) -> bool:
 
 def write_settings(run: Path, settings: RunSettings) -> None:
     """Write a run's config."""
-    with replacing(run / CONFIG) as partial:
-        partial.write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
+    write_file(run / CONFIG, yaml_text(settings_to_dict(settings)))
 
 
 def run_facts(
@@ -220,8 +219,7 @@ def run_facts(
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write one of a run's JSON files."""
-    with replacing(path) as partial:
-        partial.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(document, indent=1, sort_keys=True) + "\n")
 
 
 def read_run_json(path: Path) -> dict[str, Any]:

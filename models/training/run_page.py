@@ -10,7 +10,7 @@ from typing import Any
 from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import REPORT_HTML
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,7 @@ def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Secti
     page = render_page(
         "run.html.j2", package="pliant.models", name=run.name, facts=_flat(facts), sections=sections
     )
-    with replacing(run / REPORT_HTML) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_file(run / REPORT_HTML, page)
 
 
 def history_chart(

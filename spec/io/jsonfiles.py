@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from jsonschema import Draft202012Validator
-from jsonschema.exceptions import ValidationError
 from jsonschema.validators import extend
 
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import CallError
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import write_file
 from pliant.spec.text import escape, shortened, texts_of, unsafe_character
 
 SCHEMAS = files("pliant.spec") / "schemas"
@@ -117,8 +116,7 @@ def write_json(path: Path | str, document: Any, schema: str | None = None) -> No
             required=f"at most {limits.MAX_JSON_BYTES:,}",
             fix="Divide what it describes, such as a sequence of very many frames.",
         )
-    with replacing(path) as partial:
-        partial.write_bytes(data)
+    write_file(path, data)
 
 
 def json_bytes(document: Any, schema: str | None = None, name: Path | str = "document") -> bytes:
@@ -171,7 +169,7 @@ def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
     newer = isinstance(document, dict) and is_newer_minor(document.get("spec_version"))
     for error in _validator(name).iter_errors(document):
         if not (newer and error.validator == "additionalProperties"):
-            yield _place(error), shortened(error.message, 300)
+            yield error.json_path[1:].removeprefix("."), shortened(error.message, 300)
 
 
 def is_newer_minor(version: object) -> bool:
@@ -183,13 +181,6 @@ def is_newer_minor(version: object) -> bool:
     found = re.fullmatch(r"(\d{1,6})\.(\d{1,6})\.\d{1,6}", str(version))
     major, minor, _ = SPEC_VERSION.split(".")
     return found is not None and found[1] == major and int(found[2]) > int(minor)
-
-
-def _place(error: ValidationError) -> str:
-    place = ""
-    for part in error.absolute_path:
-        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
-    return place
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

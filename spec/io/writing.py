@@ -48,6 +48,16 @@ def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def write_file(path: Path | str, content: bytes | str) -> None:
+    """Write a file through `replacing`, text as UTF-8.
+
+    Raises:
+        CallError: It cannot be written.
+    """
+    with replacing(path) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def abandoned(folder: Path, before: str, after: str) -> list[Path]:
     """Return the temporary files or folders of processes that have ended.
 
