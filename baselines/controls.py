@@ -16,6 +16,7 @@ from pliant.spec.calls import check_type
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.frame import Pair
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.storage.layout import truth_name
 
 _UINT64: Final = 2**64
@@ -138,6 +139,6 @@ class Oracle:
                 raise SpecError(
                     "the truth does not answer the queries row by row", path=path, where=column
                 )
-        uv_px = np.stack([truth.column("u_b").to_numpy(), truth.column("v_b").to_numpy()], axis=1)
+        uv_px = stacked(truth, "u_b", "v_b")
         visible = pc.equal(truth.column("visibility_b"), "visible").cast(pa.float32())
         return Answers(uv_px=uv_px, visible=visible.to_numpy())

@@ -24,6 +24,7 @@ from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError, SpecError
 from pliant.spec.io.limits import MAX_JSON_BYTES
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import Tier
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
@@ -110,21 +111,12 @@ class FrameStore:
                 fix="Settings of a training run: split, validation.split" if splits else None,
             )
         self.size = int(size[0]), int(size[1])
-        self.full_size = dataset.size
         self.where = f"tier {tier}, split {split}"
         self.root = dataset.root
         self.frames = [frame for sequence in sequences for frame in sequence]
-        self._first = sequences[0]
-        points = self._points = self._first.points()
-        ids = self._surface_points = surface_points(points, self.tier.queried_object)
-        if len(ids) == 0:
-            raise SpecError(
-                "the queried object has no surface points",
-                path=self._first.dir / layout.POINTS_TABLE,
-            )
-        self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
-        self.partners = _partners(self._first, points["partners"].to_pylist(), ids)
-        self._alike = {self._first.id}  # sequences whose points are known to be the same
+from pliant.spec.errors import CallError, PliantError, SpecError
+from pliant.spec.io.limits import MAX_JSON_BYTES
+from pliant.spec.io.reading import read_bytes
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:

@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 
 from pliant.spec.arrays import BoolArray, Float32Array
 from pliant.spec.frame import Frame
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.sequence import RecordedFrame
 
@@ -83,7 +84,7 @@ def read_training_frame(
     surface = sequence.surface(frame.index)  # not `frame.surface`: each is needed only once
     table = sequence.correspondences(frame.index)
     scale = np.array([size[0] / sequence.size[0], size[1] / sequence.size[1]])
-    uv_full = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1)[points]
+    uv_full = stacked(table, "u_px", "v_px")[points]
     return TrainingFrame(
         rgb=resize_rgb(sequence.rgb(frame.index), size),
         mask=resize_mask(frame.queried_in(surface.object_id), size),

@@ -26,6 +26,7 @@ from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.exr import read_surface
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.model import MaterialObject
 from pliant.spec.storage import layout
 
@@ -141,9 +142,7 @@ class Surfaces:
         if found.tier not in self._points:
             if not found.has(layout.POINTS_TABLE):
                 return None  # asked again: another sequence of the tier may have the table
-            table = found.points()
-            columns = [table[name].to_numpy() for name in ("m0", "m1")]
-            self._points[found.tier] = np.stack(columns, axis=1).astype(np.float64)
+            self._points[found.tier] = stacked(found.points(), "m0", "m1").astype(np.float64)
         return self._points[found.tier]
 
     def _look_up_block(self, block: Block, queries: Queries) -> SurfaceFacts:

@@ -15,6 +15,7 @@ from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
 from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
+from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import RecordedFrame
 
@@ -43,8 +44,7 @@ def best_matches(dataset: Dataset, pair: QueryPair, submission: Path) -> tuple[s
     mine = table.filter(pc.equal(table["pair_id"], pair.pair_id))
     order = np.argsort(-mine["score"].to_numpy(), kind="stable")[:_SHOWN]
     uv_a, uv_b = (
-        np.stack([mine[name].to_numpy()[order] for name in names], axis=1).astype(np.float64)
-        for names in (("u_a", "v_a"), ("u", "v"))
+        stacked(mine, *names)[order].astype(np.float64) for names in (("u_a", "v_a"), ("u", "v"))
     )
     size = pair.source.size
     radius_px = max(size) / 20
