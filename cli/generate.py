@@ -17,10 +17,10 @@ from pliant.cli.options import (
     path_option,
     set_option,
 )
-from pliant.cli.terminal import Bar, duration, echo, echo_json, progress_bar
+from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
-from pliant.spec.text import plural
+from pliant.spec.text import duration, plural
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig

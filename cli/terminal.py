@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from pliant.spec.text import duration, escaped
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -33,8 +35,6 @@ def echo(text: str, *, err: bool = False) -> None:
         text: What to print; line feeds and tabs are kept.
         err: Whether it goes to the standard error.
     """
-    from pliant.spec.text import escaped  # not needed for `pliant --help`
-
     click.echo(escaped(text, lines=True), err=err)
 
 
@@ -181,15 +181,6 @@ def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterato
         finally:
             ended.set()
             writer.join()
-
-
-def duration(seconds: float) -> str:
-    """Return a length of time for people."""
-    if seconds < 90:
-        return f"{seconds:.1f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 def to_call(*parts: object) -> str:

@@ -9,6 +9,7 @@ from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import joined
 from pliant.models.don.settings import FurtherSet
+from pliant.spec.text import duration
 
 
 def model_card(
@@ -49,7 +50,7 @@ def model_card(
         dataset=dataset,
         config=dataset["provenance"].get("config"),
         parameters=parameters,
-        training_time="not recorded" if training_s is None else _duration(training_s),
+        training_time="not recorded" if training_s is None else duration(training_s),
         reports=reports,
         further=further,
         stage=stage,
@@ -77,9 +78,3 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

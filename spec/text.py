@@ -1,4 +1,4 @@
-"""Characters that change how a text is shown: they are refused in files and escaped in output."""
+"""Texts for people, and the characters in them that are refused in files and escaped in output."""
 
 from __future__ import annotations
 
@@ -51,6 +51,15 @@ def plural(count: int, noun: str) -> str:
     if count != 1:
         noun = f"{noun.removesuffix('y')}ies" if noun.endswith("ry") else f"{noun}s"
     return f"{count:,} {noun}"
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time for people."""
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 def number_in(text: str) -> float:

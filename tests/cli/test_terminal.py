@@ -10,9 +10,9 @@ import pytest
 from rich import console
 
 from pliant.cli import terminal
-from pliant.cli.terminal import Bar, duration, progress_bar, rich_progress, to_call
+from pliant.cli.terminal import Bar, progress_bar, rich_progress, to_call
 from pliant.cli.train import _Progress
-from pliant.spec.text import plural
+from pliant.spec.text import duration, plural
 
 
 def test_durations_for_people() -> None:
