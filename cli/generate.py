@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,7 +18,7 @@ from pliant.cli.options import (
     path_option,
     set_option,
 )
-from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
+from pliant.cli.terminal import Bar, echo, echo_json, echo_result, progress_bar
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
 from pliant.spec.text import duration, plural
@@ -91,7 +92,8 @@ def command(
     settings = build_config(tiers, config, overrides, flags)
     count = cpu_cores() if workers is None else workers
     if dry_run:
-        return _dry_run(settings, out, count, as_json)
+        _dry_run(settings, out, count, as_json)
+        return 0
     with terminated_like_interrupted(_STOPPED), progress_bar("generate", "images") as bar:
         show = GenerationDisplay(bar, out, count)
         summary = generate(settings, out, workers=count, engine=engine, progress=show)
@@ -157,7 +159,7 @@ def _parse_splits(text: str) -> dict[str, int]:
         ) from error
 
 
-def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:
+def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> None:
     from pliant.generator.runner.estimate import estimate_run
     from pliant.generator.runner.manifest import RunFolder, refuse_changes
     from pliant.generator.runner.plan import plan_run
@@ -171,23 +173,20 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
     if not as_json:
         echo(describe_plan(plan, config, out, workers))
     estimate = estimate_run(config, plan, workers)
-    if as_json:
-        document = {
-            "sequences": len(plan.tasks),
-            "missing": len(plan.missing),
-            "frames": plan.frames,
-            "estimated_seconds": round(estimate.seconds, 1),
-            "estimated_bytes": estimate.bytes,
-            "files": estimate.files,
-        }
-        echo_json(document)
-        return 0
-    echo(
+    document = {
+        "sequences": len(plan.tasks),
+        "missing": len(plan.missing),
+        "frames": plan.frames,
+        "estimated_seconds": round(estimate.seconds, 1),
+        "estimated_bytes": estimate.bytes,
+        "files": estimate.files,
+    }
+    text = (
         f"By trials of each tier with {plural(workers, 'worker')}: about "
         f"{duration(estimate.seconds)}, {decimal(estimate.bytes)} in "
         f"{estimate.files:,} files. Nothing was written."
     )
-    return 0
+    echo_result(document, text, as_json=as_json)
 
 
 def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -> str:
@@ -246,10 +245,7 @@ def _report(summary: Summary, as_json: bool) -> None:
             "frames": summary.frames,
             "bytes": summary.bytes,
             "seconds": round(summary.seconds, 3),
-            "failed": [
-                {"id": each.id, "attempts": each.attempts, "error": each.error}
-                for each in summary.failed
-            ],
+            "failed": [asdict(each) for each in summary.failed],
         }
         echo_json(document)
         return

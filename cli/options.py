@@ -65,14 +65,7 @@ reports_argument = click.argument("reports", metavar="REPORTS…", nargs=-1, req
 
 
 def path_option(
-    name: str,
-    metavar: str,
-    text: str,
-    *,
-    kind: click.Path = PATH,
-    required: bool = False,
-    multiple: bool = False,
-    callback: Callable[[click.Context, click.Parameter, Any], Any] | None = None,
+    name: str, metavar: str, text: str, *, kind: click.Path = PATH, **more: Any
 ) -> Callable[[F], F]:
     """Return an option whose value is a path.
 
@@ -81,19 +74,9 @@ def path_option(
         metavar: How help shows the value.
         text: Its help.
         kind: `PATH`, or `FILE`, which refuses a folder.
-        required: Whether it must be given.
-        multiple: Whether it may be repeated.
-        callback: Checks the value.
+        more: What else `click.option` takes, such as `required=True`.
     """
-    return click.option(
-        name,
-        metavar=metavar,
-        type=kind,
-        help=text,
-        required=required,
-        multiple=multiple,
-        callback=callback,
-    )
+    return click.option(name, metavar=metavar, type=kind, help=text, **more)
 
 
 def port_options(function: F, default: str = "any free port") -> F:
