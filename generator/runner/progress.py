@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,10 +62,8 @@ class Forecast:
             frames: Frames of each.
             workers: Sequences in work at a time.
         """
-        left: dict[str, int] = {}
-        for task in missing:
-            left[task.tier] = left.get(task.tier, 0) + frames
-        return cls(workers, left)
+        tiers = Counter(task.tier for task in missing)
+        return cls(workers, {tier: count * frames for tier, count in tiers.items()})
 
     def finish(self, tier: str, result: SequenceResult) -> None:
         """Count a finished sequence: record its cost and remove it from the remaining ones."""

@@ -85,8 +85,9 @@ def generate(
             chosen = _open_engine(engine, workers, log, config.style)
             threads = max(1, cpu_cores() // chosen.workers)  # so that workers do not fight
             maker = open_maker or sequence_maker(config, root, threads)
+            show = progress or (lambda _: None)
             try:
-                failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
+                failed = _make_missing(root, plan, chosen, maker, state, show)
             finally:
                 run.clear_partial()
         tasks = _finish(run, config, plan, failed, log)
@@ -316,7 +317,3 @@ class _LogFile(logging.FileHandler):
         """Close the file, even if its last lines cannot be written."""
         with suppress(OSError):
             super().close()
-
-
-def _ignore(progress: RunState) -> None:
-    """Show nothing."""
