@@ -156,15 +156,11 @@ class ViewDescriber:
     def _find_cloth(self, view: Frame) -> tuple[Mask, None] | None:
         """Return the mask of `foreground`, or None where nothing stands out."""
         rgb = denoised(view.rgb)
-
-        def coarse() -> Float32Array:
-            out = self._out(self.given.image(*self._resized(view)))
-            return np.asarray(out.foreground[0, 0].cpu().sigmoid().numpy())
-
         if self.masks is None:
-            cloth = coarse()
+            cloth = self._foreground(view)[0]
         else:
-            cloth = surest(self.masks.found(rgb, CLOTH_SIDE)[0], coarse)
+            found = self.masks.found(rgb, CLOTH_SIDE)[0]
+            cloth = surest(found, lambda: self._foreground(view)[0])
         mask = cloth_mask(rgb, cloth)
         return None if mask is None else (mask, None)
 
@@ -172,8 +168,7 @@ class ViewDescriber:
         """Return the masks of `segmented`, or None for those that the view has."""
         rgb = denoised(view.rgb)
         if self.masks is None:
-            out = self._out(self.given.image(*self._resized(view)))
-            rope, objects = out.foreground[0].cpu().sigmoid().numpy()
+            rope, objects = self._foreground(view)
         else:
             rope, objects = self.masks.found(rgb)
             mask, given = view.mask, view.objects
@@ -236,6 +231,11 @@ class ViewDescriber:
         if not self.given.colour and view.depth_m is not None:
             depth_m = resize_nearest(view.depth_m, self.size)
         return rgb, depth_m
+
+    def _foreground(self, view: Frame) -> Float32Array:
+        """Return the network's probabilities of the object and of any object, (2, h, w)."""
+        out = self._out(self.given.image(*self._resized(view)))
+        return np.asarray(out.foreground[0].cpu().sigmoid().numpy())
 
     def _out(self, image: Float32Array) -> NetworkOutput:
         """Return all that the network puts out for an image without masks."""

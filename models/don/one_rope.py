@@ -53,7 +53,7 @@ def of_one_rope(rgb: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask | N
     several = MaskShape.of(rope, None if ball is None else rope | ball).several_ropes
     shape = with_longer_side(rope.shape, _SIDE)
     small = resized(rope, shape)
-    picture = np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+    picture = smaller(rgb, shape)
     small_ball = None if ball is None else resized(ball, shape)
     if several and small_ball is not None and not is_round(small_ball):
         small_ball = ball = None
@@ -69,6 +69,11 @@ def resized(mask: Mask, shape: tuple[int, ...]) -> Mask:
     """Return a mask at another size (height, width), with smooth edges."""
     grey = mask.astype(np.uint8) * 255
     return cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
+
+
+def smaller(rgb: Rgb, shape: tuple[int, ...]) -> Rgb:
+    """Return a picture at a smaller size (height, width), each pixel the mean of those it shows."""
+    return np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _kept(picture: Rgb, rope: Mask, ball: Mask | None) -> tuple[Mask, Mask]:

@@ -20,7 +20,7 @@ from scipy import ndimage
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import ball_in
-from pliant.models.don.one_rope import of_one_rope, resized
+from pliant.models.don.one_rope import of_one_rope, resized, smaller
 from pliant.models.don.table import log_ratio_to_table
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
@@ -76,7 +76,7 @@ def rope_masks(
 
 def picture_as(mask: Mask, rgb: Rgb) -> Float32Array:
     """Return a picture at the size of a mask (h, w), float32 (h, w, 3), 0 to 1."""
-    return np.asarray(_smaller(rgb, mask.shape), dtype=np.float32) / 255
+    return np.asarray(smaller(rgb, mask.shape), dtype=np.float32) / 255
 
 
 def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
@@ -126,12 +126,8 @@ def shown(rgb: Rgb, likely: Float32Array, least_known: float = _LEAST_KNOWN_PART
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
-    objects = _without_specks(_cut(_smaller(rgb, p.shape), p, near), p, least_known)
+    objects = _without_specks(_cut(smaller(rgb, p.shape), p, near), p, least_known)
     return objects if objects.sum() >= _LEAST_PIXELS else None
-
-
-def _smaller(rgb: Rgb, shape: tuple[int, ...]) -> Rgb:
-    return np.asarray(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
