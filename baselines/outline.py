@@ -48,10 +48,8 @@ def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:
         float64 (4, `PLACES_PER_SIDE`, 2): top, right, bottom and left side, each from its corner at
         equal distances along the outline; centre of the first pixel at (0.5, 0.5).
     """
-    parts, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not parts:
+    if (largest := _largest_contour(cv2, mask)) is None:
         return None
-    largest = max(parts, key=cv2.contourArea)[:, 0]  # (N, 2)
     corners = _four_corners(np.sort(cv2.convexHull(largest, returnPoints=False)[:, 0]), largest)
     if corners is None:
         return None
@@ -86,10 +84,8 @@ def angle_from_upright(cv2: Any, mask: npt.NDArray[np.bool_]) -> float | None:
         -pi / 4 to pi / 4 radians, from right to down; None where the votes agree by less than
         `LEAST_ALIGNED`.
     """
-    parts, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not parts:
+    if (largest := _largest_contour(cv2, mask)) is None:
         return None
-    largest = max(parts, key=cv2.contourArea)
     within_px = _STRAIGHT * np.sqrt(cv2.contourArea(largest))
     polygon = cv2.approxPolyDP(largest, within_px, True)[:, 0].astype(np.float64)
     u, v = (np.roll(polygon, -1, axis=0) - polygon).T
@@ -99,6 +95,12 @@ def angle_from_upright(cv2: Any, mask: npt.NDArray[np.bool_]) -> float | None:
         return None
     vote = (squared * np.exp(4j * np.angle(edges))).sum() / squared.sum()
     return None if abs(vote) < LEAST_ALIGNED else float(np.angle(vote) / 4)
+
+
+def _largest_contour(cv2: Any, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32] | None:
+    """Return the contour of a mask's largest part, (N, 2), or None where the mask is empty."""
+    parts, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return max(parts, key=cv2.contourArea)[:, 0] if parts else None
 
 
 def _area(polygon: FloatArray) -> float:

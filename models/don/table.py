@@ -13,6 +13,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from pliant.baselines.pixels import lies_on
 from pliant.spec.arrays import BoolArray, FloatArray, Mask, Rgb
 
 _TABLE_PX: Final = 12.0  # standard deviation of the Gaussian of `log_ratio_to_table`
@@ -77,11 +78,7 @@ class SeenTable:
 
     def __call__(self, uv_px: FloatArray) -> BoolArray:
         """Return whether the table is seen at places (N, 2), bool (N,); outside it is not."""
-        height, width = self._seen.shape
-        column, row = np.floor(uv_px).astype(np.int64).T
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        at = row.clip(0, height - 1), column.clip(0, width - 1)
-        return np.asarray(inside & self._seen[at])
+        return lies_on(uv_px, self._seen)
 
     @functools.cached_property
     def _seen(self) -> Mask:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.report.colours import material_colours
+from pliant.evaluator.report.contact_sheet import evenly
 from pliant.spec.errors import SpecError
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.explorer.available import NO_SCENE, has_scene
@@ -37,7 +38,7 @@ def scene_document(frames: FrameCache, sequence: SequenceRecord) -> dict[str, An
     mesh = frames.mesh(RecordedFrame(sequence, 0))
     colours = material_colours(mesh.material[:, 0], mesh.material[:, 1], sequence.described)
     count = len(mesh.rows)  # of a table that is in the order of the material
-    spread = np.unique(np.linspace(0, max(count - 1, 0), min(_TRACKS, count)).round())
+    spread = np.array(evenly(_TRACKS, count))
     cameras = [sequence.camera(index) for index in range(sequence.frames)]
     return {
         "sequence": sequence.id,
