@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -316,15 +316,17 @@ def model_of(method: str) -> str:
     return method.removeprefix(FUSED).removeprefix(CARRIED)
 
 
-def settings_class(trainer: str) -> type[Settings]:
-    """Return the class of a trainer's settings; it imports torch."""
-    if trainer == "timecycle":
+def trainer_of(name: str) -> tuple[type[Settings], Callable[..., dict[str, Any]]]:
+    """Return the class of a trainer's settings, and the trainer; it imports torch."""
+    if name == "timecycle":
         from pliant.models.timecycle.settings import TimeCycleSettings
+        from pliant.models.timecycle.trainer import train_timecycle
 
-        return TimeCycleSettings
+        return TimeCycleSettings, train_timecycle
     from pliant.models.don.settings import DonSettings
+    from pliant.models.don.trainer import train_don
 
-    return DonSettings
+    return DonSettings, train_don
 
 
 def digest(*parts: Any) -> str:
@@ -366,7 +368,7 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         known(run.set, config.sets, f"runs.{key}.set")
         if is_installed("torch"):  # sets can be made without
             where = f"runs.{key}.settings"
-            settings_from(settings_class(run.trainer), run.settings, where, path=path)
+            settings_from(trainer_of(run.trainer)[0], run.settings, where, path=path)
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
             known(name, config.sets, f"tests.{key}.variants.{variant}")

@@ -22,7 +22,7 @@ from pliant.baselines.fused_tracker import FusedTracker
 from pliant.baselines.matcher import SplitMatcher
 from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import Kind
-from pliant.benchmarks.suite.config import TEST_SPLIT, Entry, settings_class
+from pliant.benchmarks.suite.config import TEST_SPLIT, Entry, trainer_of
 from pliant.benchmarks.suite.work import Cost, Meter
 from pliant.evaluator import evaluate, read_protocol, write_report
 from pliant.spec.configuration import settings_from
@@ -112,12 +112,8 @@ def _train(job: TrainingJob, progress: Progress) -> dict[str, Any]:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
     dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
-    train: Any
-    if job.trainer == "timecycle":
-        from pliant.models.timecycle.trainer import train_timecycle as train
-    else:
-        from pliant.models.don.trainer import train_don as train
-    chosen: Any = settings_from(settings_class(job.trainer), values)
+    kind, train = trainer_of(job.trainer)
+    chosen: Any = settings_from(kind, values)
 
     def reporting(step: int, figures: Mapping[str, float]) -> None:
         del figures
