@@ -56,7 +56,7 @@ class Problems(FileProblems):
         """Add `count` problems of one code, of which some are described by (where, message)."""
         for where, message in described:
             self.findings.add(code, self.path, where, message)
-        self.counts[code] = self.counts.get(code, 0) + count - len(described)
+        self.counts[code] += count - len(described)
         self._add_cause(code, count, described)
 
     def include(self, other: Problems) -> None:

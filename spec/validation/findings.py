@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -32,15 +33,14 @@ class Findings:
 
     listed_per_code: int = LISTED_PER_CODE
     issues: list[Issue] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
     diagnoses: dict[tuple[str, str], list[tuple[str, int]]] = field(default_factory=dict)
 
     def add(self, code: str, path: str, where: str, message: str) -> None:
         """Add one problem; arguments as `make_issue`."""
-        seen = self.counts.get(code, 0)
-        self.counts[code] = seen + 1
-        if seen < self.listed_per_code:
+        if self.counts[code] < self.listed_per_code:
             self.issues.append(make_issue(code, path, where, message))
+        self.counts[code] += 1
 
     def listed(self) -> list[Issue]:
         """Return the issues in words: one for each diagnosis, then those without."""
@@ -56,14 +56,12 @@ class Findings:
         """Add the problems of another part."""
         for key, files in other.diagnoses.items():
             self.diagnoses.setdefault(key, []).extend(files)
-        listed = {code: 0 for code in other.counts}
+        listed = self.counts.copy()
         for issue in other.issues:
-            kept = self.counts.get(issue.code, 0) + listed[issue.code]
-            if kept < self.listed_per_code:
+            if listed[issue.code] < self.listed_per_code:
                 self.issues.append(issue)
             listed[issue.code] += 1
-        for code, count in other.counts.items():
-            self.counts[code] = self.counts.get(code, 0) + count
+        self.counts += other.counts
 
     @property
     def total(self) -> int:
@@ -88,7 +86,7 @@ class FileProblems:
     path: str
 
     @property
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> Counter[str]:
         """Code -> how many there are, of this file and all others."""
         return self.findings.counts
 
@@ -110,12 +108,11 @@ class FileProblems:
             describe: Takes an index and returns (where, message); called for those listed.
         """
         indices = np.flatnonzero(bad)
-        seen = self.counts.get(code, 0)
-        if indices.size:
-            self.counts[code] = seen + int(indices.size)
-        for index in indices[: max(0, self.findings.listed_per_code - seen)]:
+        for index in indices[: max(0, self.findings.listed_per_code - self.counts[code])]:
             where, message = describe(int(index))
             self.findings.issues.append(make_issue(code, self.path, where, message))
+        if indices.size:
+            self.counts[code] += int(indices.size)
 
     def diagnose(self, code: str, cause: str) -> None:
         """Explain every problem of one code by one cause.
@@ -129,7 +126,7 @@ class FileProblems:
                 counts as one problem.
         """
         findings = self.findings
-        rows = self.counts.get(code, 0)
+        rows = self.counts[code]
         self.counts[code] = max(rows, 1)
         findings.issues = [issue for issue in findings.issues if issue.code != code]
         findings.diagnoses.setdefault((code, cause), []).append((self.path, rows))

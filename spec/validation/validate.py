@@ -168,10 +168,10 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     for split in info.get("held_out", ()):
         if split not in info["splits"]:
             problems.add("SPLIT_UNKNOWN", "held_out", f"{split} is none of {info['splits']}")
-    before = findings.counts.get("TIER_INVALID", 0)
+    before = findings.counts["TIER_INVALID"]
     tiers = [Tier.from_document(entry) for entry in info["tiers"]]
     check_tiers(tiers, problems)
-    if findings.counts.get("TIER_INVALID", 0) > before:
+    if findings.counts["TIER_INVALID"] > before:
         return None
     return Context.of(root, info, tiers, quick)
 

@@ -121,7 +121,7 @@ def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
         ~seen,
         lambda i: (f"frame {i // points}, point {i % points}", "this point has no row"),
     )
-    if not ordered and not problems.counts.get("ROW_DUPLICATE"):
+    if not ordered and not problems.counts["ROW_DUPLICATE"]:
         problems.add("ROW_ORDER", "", "required: ascending by frame, then by point")
     return grouped
 

@@ -73,14 +73,14 @@ def diagnose_rows(
         size: (width, height) of the images.
         problems: The table's; its row issues may be replaced.
     """
-    wrong_uv = problems.counts.get("REPROJECTION_DISAGREES", 0)
-    wrong_depth = problems.counts.get("DEPTH_DISAGREES", 0)
+    wrong_uv = problems.counts["REPROJECTION_DISAGREES"]
+    wrong_depth = problems.counts["DEPTH_DISAGREES"]
     if max(wrong_uv, wrong_depth) < 0.9 * sample.checked or not sample.rows:
         return
     cause = _camera_cause(sample, cameras)
     if cause is not None:
         for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES", "OUT_OF_FRAME_DISAGREES"):
-            if problems.counts.get(code):
+            if problems.counts[code]:
                 problems.diagnose(code, cause)
         return
     compared = _compare(sample, cameras)

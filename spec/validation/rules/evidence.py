@@ -126,7 +126,7 @@ class Evidence:
             diagnose_rows(self.rows, cameras, size, table)
             if check_agreement(tier, self.fitting, self.others, table):
                 for code in _VISIBILITY:
-                    if table.counts.get(code, 0) > 1:
+                    if table.counts[code] > 1:
                         table.diagnose(code, "follow from DEPTH_IMAGE_DISAGREES")
         self._check_blank(info, pictures)
         self._check_coarse(info, pictures)
@@ -143,7 +143,7 @@ class Evidence:
             code = "COLOUR_DISAGREES" if certain and clean else "COLOUR_DOUBTFUL"
             if repeated and not certain:
                 return  # a repeated picture shows another frame's outline
-            if pictures.counts.get(code):  # blank or repeated pictures: no rows to explain
+            if pictures.counts[code]:  # blank or repeated pictures: no rows to explain
                 pictures.add(code, "", text)
             else:
                 pictures.diagnose(code, text)
