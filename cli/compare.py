@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,10 +118,9 @@ def _in_order(scores: Sequence[Scores], names: Sequence[str], item: Difference) 
     from pliant.evaluator.report.cells import heading
 
     shown = heading(item.metric, str(scores[0].document["protocol"]))
-    sign = -1 if shown.better == "higher" else 1
     groups = [
         each.overall if item.group == "overall" else each.tiers[item.group] for each in scores
     ]
     values = [(name, group.get(item.metric)) for name, group in zip(names, groups, strict=True)]
-    values.sort(key=lambda each: math.inf if each[1] is None else sign * each[1])
+    values.sort(key=lambda each: shown.rank_key(each[1]))
     return [name if value is None else f"{name} {shown.written(value)}" for name, value in values]

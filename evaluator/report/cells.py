@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -66,6 +67,12 @@ class Heading:
     def arrow(self) -> str:
         """The better direction as an arrow, empty where neither is better."""
         return _ARROWS.get(self.better, "")
+
+    def rank_key(self, value: float | None) -> float:
+        """Return what methods are sorted by: the best first, those without a value last."""
+        if value is None:
+            return math.inf
+        return -value if self.better == "higher" else value
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,8 @@ def render_leaderboard(
     tiers = list(document["tiers"])
     if len(tiers) > 1:
         columns += [(tier, main) for tier in tiers]
-    order = sorted(range(len(reports)), key=lambda i: _sort_key(reports[i], main))
+    ranked = heading(main, protocol)
+    order = sorted(range(len(reports)), key=lambda i: ranked.rank_key(reports[i].overall.get(main)))
     fact_names, facts = fact_table([each.document["submission"]["method"] for each in reports])
     charts: list[Chart] = []
     if not hide_truth:
@@ -144,19 +145,12 @@ def render_leaderboard(
         rows=[row for i, row in rows.items() if i in standing],
         controls=[row for i, row in rows.items() if i not in standing],
         verdict=[verdict] if verdict else [],
-        main=heading(main, protocol).label,
+        main=ranked.label,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
         too_few=any(item.verdict == "too few sequences" for item in among),
         charts=charts,
         **cause_bars([reports[i] for i in shown], [names[i] for i in shown]),
     )
-
-
-def _sort_key(report: Scores, metric: str) -> float:
-    value = report.overall.get(metric)
-    if value is None:
-        return float("inf")
-    return -value if heading(metric, report.document["protocol"]).better == "higher" else value
 
 
 def _differences(

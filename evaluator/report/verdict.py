@@ -78,16 +78,16 @@ def board_verdict(
     shown = heading(metric, protocol, rounded=rounded)
     if shown.better == "neither":
         return ""
-    sign = -1 if shown.better == "higher" else 1
     known = {name: value for name, value in values.items() if value is not None}
     controls = {name: known[name] for name in CONTROLS if name in known and name != "oracle"}
     methods = {name: value for name, value in known.items() if name not in CONTROLS}
     if not controls or not methods:
         return ""
-    control = min(controls, key=lambda name: sign * controls[name])
+    control = min(controls, key=lambda name: shown.rank_key(controls[name]))
     bar = f"{CONTROLS[control]} ({shown.label} {_with_unit(shown, controls[control])})"
-    best = min(methods, key=lambda name: sign * methods[name])
-    better = [name for name in methods if sign * methods[name] < sign * controls[control]]
+    best = min(methods, key=lambda name: shown.rank_key(methods[name]))
+    beaten = shown.rank_key(controls[control])
+    better = [name for name in methods if shown.rank_key(methods[name]) < beaten]
     if not better:
         return (
             f"No method beats {bar}; the nearest is {best} with {_with_unit(shown, methods[best])}."
