@@ -180,17 +180,15 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
     from pliant.models.timecycle import CARRIED
 
     check_type("method", method, str, required="the name of a method")
-    if method in METHODS:
-        made: Matcher | SplitMatcher = make(METHODS[method], method, options)
-        return made
+    built_in: Any = METHODS.get(method)
     if method.startswith(PREFIX):
-        made = make(partial(open_vismatch, method.removeprefix(PREFIX)), method, options)
-        return made
-    if method.startswith(FUSED):
-        made = make(partial(FusedTracker, open_method(method.removeprefix(FUSED))), method, options)
-        return made
-    if method.startswith(CARRIED):
-        made = make(partial(_carried, method.removeprefix(CARRIED)), method, options)
+        built_in = partial(open_vismatch, method.removeprefix(PREFIX))
+    elif method.startswith(FUSED):
+        built_in = partial(FusedTracker, open_method(method.removeprefix(FUSED)))
+    elif method.startswith(CARRIED):
+        built_in = partial(_carried, method.removeprefix(CARRIED))
+    if built_in is not None:
+        made: Matcher | SplitMatcher = make(built_in, method, options)
         return made
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
