@@ -6,12 +6,16 @@ the RMSE by an amount that depends on its truth alone. See docs/competitions.md.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from pliant.evaluator.scores import Scores
 from pliant.spec.errors import CallError
 
 SIGNIFICANT_DIGITS: Final = 4
+
+BITS_PER_FIGURE: Final = math.log2(9 * 10 ** (SIGNIFICANT_DIGITS - 1))
+"""A figure of so many digits has at most so many bits beyond its order of magnitude."""
 
 
 def public_scores(scores: Scores) -> Scores:

@@ -20,6 +20,7 @@ from pliant.publishing import pairs
 from pliant.publishing.papers import keywords, licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
+from pliant.spec.io.writing import write_file
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FRAMES, ROWS, hub_features
@@ -62,7 +63,7 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
         licence_url=licence_url(info["licence"]),
         authors=authors,
     )
-    (root / "README.md").write_bytes(text.encode("utf-8"))
+    write_file(root / "README.md", text)
 
 
 def is_recorded(dataset: Dataset) -> bool:

@@ -28,6 +28,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import json_bytes, write_json
 from pliant.spec.io.parquet import read_table, write_table
 from pliant.spec.io.reading import read_bytes
+from pliant.spec.io.writing import write_file
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FolderToPack, Packer
@@ -116,8 +117,8 @@ def write_public(
     else:
         url = licence_url(dataset.info["licence"])
         text = _page("licence.md.j2", info=dataset.info, authors=authors, url=url)
-        _write_text(root / "LICENSE", text)
-    _write_text(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
+        write_file(root / "LICENSE", text)
+    write_file(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
     write_pairs(public, root)
     write_benchmark(public, root)
     write_json(root / ".zenodo.json", zenodo(dataset.info, authors, settings.url, settings.date))
@@ -193,14 +194,10 @@ def write_private(
         recorded=is_recorded(dataset),
         warnings=warnings,
     )
-    _write_text(root / "README.md", text)
+    write_file(root / "README.md", text)
 
 
 def _copy(dataset: Dataset, names: Iterable[str], root: Path) -> None:
     for name in names:
         (root / name).parent.mkdir(exist_ok=True)
         shutil.copyfile(dataset.local(name), root / name)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_bytes(text.encode("utf-8"))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
+from pliant.evaluator.hidden_truth import BITS_PER_FIGURE
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -146,7 +146,7 @@ def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
     queries = dataset.queries(split)
     tiers = pc.count_distinct(queries["tier"]).as_py()
     figures = len(read_protocol(PROTOCOL).headline) + (tiers if tiers > 1 else 0)
-    bits = figures * math.log2(9 * 10 ** (SIGNIFICANT_DIGITS - 1))
+    bits = figures * BITS_PER_FIGURE
     of_position = math.log2(dataset.size[0] * dataset.size[1])
     positions = int(MAX_SUBMISSIONS * bits / of_position)
     pairs = pc.count_distinct(queries["pair_id"]).as_py()

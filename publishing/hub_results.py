@@ -44,7 +44,7 @@ def write_benchmark(dataset: Dataset, root: Path) -> None:
         "evaluation_framework": FRAMEWORK,
         "tasks": tasks,
     }
-    (root / EVAL_YAML).write_bytes(yaml_text(document).encode())
+    write_file(root / EVAL_YAML, yaml_text(document))
 
 
 def task_id(split: str, tier: str = "") -> str:

@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
+from pliant.evaluator.hidden_truth import BITS_PER_FIGURE
 from pliant.service.audit import log_time
 from pliant.service.ledger import Attempts, attempts, credit
 from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Token, Version
@@ -28,14 +29,12 @@ router = APIRouter(prefix="/admin", include_in_schema=False, default_response_cl
 
 FormNumber = Annotated[int, Form(ge=1, lt=2**53)]
 
-_BITS_PER_FIGURE = math.log2(9000)
-"""A figure of four significant digits has at most so many bits beyond its order of magnitude."""
 _ENTRIES = 200
 
 
 def bits_per_submission(version: Version) -> float:
     """Return the most bits about the answers that the figures of one submission can carry."""
-    return len(version.figures) * _BITS_PER_FIGURE
+    return len(version.figures) * BITS_PER_FIGURE
 
 
 def _values(session: Session, site: Site) -> dict[str, Any]:
