@@ -114,9 +114,17 @@ class FrameStore:
         self.where = f"tier {tier}, split {split}"
         self.root = dataset.root
         self.frames = [frame for sequence in sequences for frame in sequence]
-from pliant.spec.errors import CallError, PliantError, SpecError
-from pliant.spec.io.limits import MAX_JSON_BYTES
-from pliant.spec.io.reading import read_bytes
+        self._first = sequences[0]
+        points = self._points = self._first.points()
+        ids = self._surface_points = surface_points(points, self.tier.queried_object)
+        if len(ids) == 0:
+            raise SpecError(
+                "the queried object has no surface points",
+                path=self._first.dir / layout.POINTS_TABLE,
+            )
+        self.material = stacked(points, "m0", "m1")[ids]
+        self.partners = _partners(self._first, points["partners"].to_pylist(), ids)
+        self._alike = {self._first.id}  # sequences whose points are known to be the same
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:

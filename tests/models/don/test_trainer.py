@@ -84,7 +84,7 @@ def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path)
 def test_a_run_goes_on_with_as_many_processes(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """A step takes a batch for each process: with fewer, samples would be seen twice."""
     run = tmp_path / "run"
-    train_don(sheet_dataset, run, don(), stop_at=2)
+    train_two_steps(train_don, sheet_dataset, run, don())
     state = known(latest_checkpoint(run)) / "state.json"
     state.write_text(json.dumps(json.loads(state.read_text()) | {"processes": 2}))
     with pytest.raises(TrainingError, match=r"as many processes .*required: 2"):
