@@ -179,7 +179,7 @@ class _Check:
         wrong = ~((values >= least) & (values <= most))
         if wrong.any():
             raise SubmissionError(
-                f"the method {self.method!r} gave a value that is not possible",
+                f"the method {self.method!r} returned an invalid value",
                 where=self._place(name),
                 found=f"{values[wrong][0]} ({int(wrong.sum())} of {values.size} values)",
                 required=required,

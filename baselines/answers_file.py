@@ -287,7 +287,7 @@ def _order(
             path=path,
             found=f"{count} of {len(asked)}, none for pair_id {pair}, query_id {query}",
             required="one row per query",
-            fix="Answer all, or write those that there are with --allow-missing",
+            fix="Answer every query, or use --allow-missing",
         )
     return order[np.searchsorted(given[order], queries[answered])]
 

@@ -128,9 +128,9 @@ class Oracle:
         path = dataset.root / truth_name(split)
         if not dataset.has(truth_name(split)):
             raise CallError(
-                "the oracle answers from the truth, which this dataset leaves out",
+                "the method oracle needs the truth, which this dataset does not contain",
                 path=path,
-                fix="Take the dataset with its private half, or another method",
+                fix="Use the complete dataset, or choose another method",
             )
         truth = dataset.truth(split)
         queries = dataset.queries(split)

@@ -154,7 +154,7 @@ def _attribute(owner: Any, name: str, reference: str) -> Any:
     ]
     close = difflib.get_close_matches(name, public, n=1)
     raise CallError(
-        f"there is no {name!r} in it",
+        f"{name!r} was not found in the module",
         where=reference,
         required=f"one of {', '.join(public)}" if 0 < len(public) <= 12 else None,
         fix=f"Did you mean {close[0]}?" if close else None,

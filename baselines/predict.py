@@ -232,4 +232,4 @@ def _check_call(
             fix="Ask for --kind answers, or for a local feature such as sift or orb",
         )
     if workers < 1:
-        raise CallError("the number of workers is wrong", found=workers, required=">= 1")
+        raise CallError("invalid number of workers", found=workers, required=">= 1")

@@ -199,7 +199,7 @@ def check_split(dataset: Dataset, split: str) -> None:
             required=" or ".join(asked) or "a dataset with queries",
             fix=None
             if asked
-            else "They need two pictures of a tier in val or test: generate more of them",
+            else "Queries need two frames of one tier in val or test: generate more sequences",
         )
 
 

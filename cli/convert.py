@@ -57,7 +57,7 @@ def command(
     target = TARGETS[to]
     sequences = chosen_sequences(Dataset.open(data), **which)
     if not as_json:
-        echo(f"{target.title} cannot hold: {'; '.join(target.lost)}.", err=True)
+        echo(f"{target.title} cannot store: {'; '.join(target.lost)}.", err=True)
     with progress_bar("Converting", "sequences", hidden=as_json) as bar:
         size = convert(sequences, target, out, Options(points, frame_rate), bar)
     document = {

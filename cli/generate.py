@@ -182,7 +182,7 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
         "files": estimate.files,
     }
     text = (
-        f"By trials of each tier with {plural(workers, 'worker')}: about "
+        f"Estimate from trials of each tier with {plural(workers, 'worker')}: about "
         f"{duration(estimate.seconds)}, {decimal(estimate.bytes)} in "
         f"{estimate.files:,} files. Nothing was written."
     )

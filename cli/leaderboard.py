@@ -53,13 +53,13 @@ def command(
     of_challenge = len(reports) == 1 and (reports[0] / "challenge.yaml").is_file()
     if of_challenge and (title is not None or hide_truth or out.suffix == ".html"):
         raise CallError(
-            "of a challenge there is a site with its own title, which hides the truth",
+            "a challenge is written as a site with its own title, without the truth",
             fix="Name a folder, and leave --title and --hide-truth out: --out SITE",
         )
     if out.suffix == ".html":
         if title is not None or hide_truth:
             raise CallError(
-                "--title and --hide-truth are for a site", fix="Name a folder: --out SITE"
+                "--title and --hide-truth apply to a site only", fix="Name a folder: --out SITE"
             )
         shown = _write_page(reports, out)
         text, document = f"{plural(len(shown), 'report')}: {out}", {"page": str(out)}

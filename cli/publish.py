@@ -78,7 +78,7 @@ def command(
         )
         if published.private is not None:
             place = private or f"{out}-private"
-            echo(f"{place}: the answers. Keep this folder to yourself.")
+            echo(f"{place}: the answers. Do not publish this folder.")
     for text in published.warnings:
         echo(f"Warning: {text}.", err=True)
 

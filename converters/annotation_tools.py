@@ -97,7 +97,7 @@ def read_coco(path: Path) -> Annotations:
         picture = picture_in(folder, image.file_name, path, where)
         if image.id in pictures:
             raise SpecError(
-                "two pictures have one id",
+                "two pictures have the same id",
                 path=path,
                 where=f"{where}.id",
                 found=f"{image.id!r:.60}, of {pictures[image.id].name} and {picture.name}",
@@ -105,7 +105,7 @@ def read_coco(path: Path) -> Annotations:
             )
         if picture in described:
             raise SpecError(
-                "two images are one picture",
+                "two images refer to the same picture",
                 path=path,
                 where=f"{where}.file_name",
                 found=f"{image.file_name!r:.60}, read as {picture} like {described[picture]}",
@@ -167,7 +167,7 @@ def read_coco(path: Path) -> Annotations:
             u, v, state = values[3 * number : 3 * number + 3]
             if state not in (0, 1, 2):
                 raise SpecError(
-                    "the visibility of a keypoint is none of COCO's",
+                    "invalid visibility flag of a keypoint",
                     path=path,
                     where=f"{where}.keypoints[{3 * number + 2}]",
                     found=state,
@@ -199,7 +199,7 @@ def read_labelme(files: Sequence[Path], path: Path) -> Annotations:
         picture = picture_in(file.parent, document.imagePath, file, "imagePath")
         if picture in described:
             raise SpecError(
-                "two files describe one picture",
+                "two files describe the same picture",
                 path=file,
                 where="imagePath",
                 found=f"{picture.name}, as in {described[picture].name}",

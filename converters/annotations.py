@@ -115,7 +115,7 @@ class Collector:
         points = list(dict.fromkeys(point for _, point in kept))
         if len(pictures) < 2 or not points:
             raise SpecError(
-                "there is nothing to ask",
+                "no query can be made from these annotations",
                 path=self.path,
                 found=f"{plural(len(points), 'point')} in {plural(len(pictures), 'picture')}",
                 required="points marked in at least two pictures",

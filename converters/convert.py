@@ -157,7 +157,7 @@ def convert(
     """
     if not 1e-3 <= options.frame_rate_hz <= 1e6:  # nan neither
         raise CallError(
-            "the frame rate is not possible",
+            "invalid frame rate",
             where="--frame-rate",
             found=options.frame_rate_hz,
             required="0.001 to 1,000,000 Hz",

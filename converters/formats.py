@@ -69,7 +69,7 @@ def read_source(
         given = next((each for each in (options.pairs, options.masks, options.depth) if each), None)
         if given is not None:
             raise CallError(
-                "lists of pairs, masks and depth are for annotated pictures, not for tracks",
+                "--pair-list, --masks and --depth apply to annotated pictures, not to tracks",
                 path=given,
             )
         if options.pixels == "index":

@@ -51,7 +51,7 @@ def read_knots(folder: Path) -> Annotations:
             continue
         if int(match[1]) in images:
             raise SpecError(
-                "two images have one frame number",
+                "two images have the same frame number",
                 path=path.parent,
                 found=f"{images[int(match[1])].name} and {image.name}",
                 fix="Delete one of them.",
@@ -106,7 +106,7 @@ def _annotations(document: Any, path: Path) -> dict[int, Any]:
                 required="1 to 9 digits, as in the names of the images",
             )
         if int(key) in frames:
-            raise SpecError("two entries have one frame number", path=path, where=str(key))
+            raise SpecError("two entries have the same frame number", path=path, where=str(key))
         frames[int(key)] = points
     counts = {len(points) if _lists(points) else -1 for points in frames.values()}
     if len(counts) != 1 or min(counts) < 1:

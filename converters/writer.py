@@ -134,7 +134,7 @@ def write_imported(
     )
     if not len(queries):
         raise SpecError(
-            "no point is seen in one frame and known in another, so nothing can be asked",
+            "no query can be made: no point is visible in one frame and known in another",
             path=source.get("source"),
             required="a point that is visible in one frame and has a position in another",
             fix="Mark the same points, under the same names, in several pictures.",
@@ -239,7 +239,7 @@ def _size(clips: Sequence[Clip], settings: ImportSettings) -> tuple[int, int]:
         )
     size = settings.size or sizes[0]
     if min(size) < 1:
-        raise CallError("the size is not possible", where="--size", found=f"{size[0]}x{size[1]}")
+        raise CallError("invalid size", where="--size", found=f"{size[0]}x{size[1]}")
     if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
         raise CallError(
             "the frames are larger than a dataset's may be",

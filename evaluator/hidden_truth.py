@@ -35,7 +35,7 @@ def public_scores(scores: Scores) -> Scores:
     document = scores.document
     if not document.get("hide_truth"):
         raise CallError(
-            f"the scores of {scores.method} tell single answers of a held-out split",
+            f"the scores of {scores.method} reveal single answers of a held-out split",
             found="errors that are not capped at the image diagonal",
             fix="Score the submission with: pliant evaluate --hide-truth",
         )

@@ -13,5 +13,5 @@ sequences = chosen_sequences(pliant.load("sample"), split="val")
 target = TARGETS["rerun"]  # or lerobot, coco, tapvid, webdataset, glb
 folder = out / "recordings"
 convert(sequences, target, folder, Options())
-print(f"{len(sequences)} recordings in {folder}; it cannot hold: {', '.join(target.lost)}")
+print(f"{len(sequences)} recordings in {folder}; it cannot store: {', '.join(target.lost)}")
 print(f"rerun {folder}/*.rrd")

@@ -169,11 +169,9 @@ class GenerateConfig(Settings):
         if self.cloth.sides == "alternate" and self.episodes:
             raise Refused("any for episodes", "cloth.sides")
         if self.scene.distractors[1] and self.episodes:
-            raise Refused(
-                "(0, 0) for episodes: their physics knows one object", "scene.distractors"
-            )
+            raise Refused("(0, 0) for episodes: they simulate one object", "scene.distractors")
         if self.depth_camera is not None and self.style != "real-depth":
-            raise Refused("real-depth, which depth_camera belongs to", "style")
+            raise Refused("real-depth, the only style with a depth_camera", "style")
         if self.splits is not None and self.sequences is not None:
             raise Refused("either sequences or splits, not both", "sequences")
         counts = self.splits

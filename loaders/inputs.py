@@ -95,7 +95,7 @@ class NetworkInput:
         """
         if self.colour:
             if rgb is None:
-                raise CallError("this network needs a colour image, and there is none", where="rgb")
+                raise CallError("this network needs a colour image; none is given", where="rgb")
             values = rgb.astype(np.float32) * (4 / 255) - 2
             if self.kind == "rgb":
                 planes = [values.transpose(2, 0, 1)]
@@ -104,9 +104,7 @@ class NetworkInput:
                 planes = [(values @ weights)[None]]
         else:
             if depth_m is None:
-                raise CallError(
-                    "this network needs a depth map, and there is none", where="depth_m"
-                )
+                raise CallError("this network needs a depth map; none is given", where="depth_m")
             planes = [_depth_plane(depth_m)[None]]
         if self.masks:
             shape = planes[0].shape[-2:]

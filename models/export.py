@@ -133,10 +133,10 @@ def _checked_facts(
     comparable = progress and all(map(_is_whole, datasets))
     if comparable and progress["data"] != data_digest(datasets):
         raise CallError(
-            "the run was trained on other sequences than the dataset of this id has",
+            "the dataset has other sequences than the run was trained on",
             path=run,
             found=", ".join(each.address for each in datasets),
-            fix="Name the dataset that the training was given, as it was then.",
+            fix="Pass the dataset of the training, unchanged, as --data.",
         )
     for report in reports:
         _check_report(report, facts)

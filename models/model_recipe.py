@@ -340,7 +340,7 @@ def _average(
     given, trained = (read_weights_file(each / BEST) for each in (first, last))
     if {k: v.shape for k, v in given.items()} != {k: v.shape for k, v in trained.items()}:
         raise CallError(
-            "the two stages have different networks, which have no mean",
+            "stages with different networks cannot be averaged",
             where="mean_of",
             found=", ".join(stage.mean_of),
             fix="Give both the same network, pairs and auxiliary losses.",

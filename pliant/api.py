@@ -224,7 +224,7 @@ def _carried(model: str, /, **options: Any) -> Matcher:
 
     if not isinstance(matcher, DonMatcher):
         raise CallError(
-            "this method has no descriptors to carry points by",
+            "this method has no descriptors and cannot carry points",
             found=repr(model),
             required="a shipped model, or the folder of a run of Dense Object Nets",
         )

@@ -148,7 +148,7 @@ def _open(source: Path, settings: PublishSettings, truth: Path) -> Dataset:
         for name in (layout.queries_name(split), layout.truth_name(split)):
             if not dataset.has(name):
                 raise CallError(
-                    f"split {split!r} cannot be held out: there is nothing to ask or to answer",
+                    f"split {split!r} cannot be held out: its queries or its truth are missing",
                     path=source / name,
                     required="queries and truth of the split",
                 )
@@ -196,7 +196,7 @@ def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
     licence = dataset.info["licence"]
     if licence_url(licence) is None and not (dataset.root / "LICENSE").is_file():
         warnings.append(
-            f"the licence is {licence}, and without terms nobody may use the data: put them into "
+            f"the licence is {licence}, which states no terms of use: put them into "
             f"{dataset.root / 'LICENSE'}, or name a licence of the SPDX list"
         )
     weakness = seed_weakness(dataset.info, dataset.root) if settings.hold_out else None

@@ -75,7 +75,7 @@ class Challenge:
         own = root / SQLITE
         if database_url not in (None, sqlite_url(own)) and own.is_file():
             raise CallError(
-                "another database is named, and the challenge has its own",
+                "the challenge has its own database, and another one is named",
                 path=own,
                 fix="Leave --database out, and unset PLIANT_DATABASE.",
             )
@@ -96,7 +96,7 @@ class Challenge:
                 f"a phase that has submissions is missing: {', '.join(sorted(lost))}",
                 path=root / CHALLENGE_YAML,
                 where="phases",
-                fix="Give it its name again; a phase ends with `closes`.",
+                fix="Restore its name; to end a phase, set `closes`.",
             )
         return challenge
 

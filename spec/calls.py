@@ -104,6 +104,4 @@ def check_numbers(
         and (within & np.isfinite(numbers)).all()
     ):
         return
-    raise CallError(
-        "the argument is not possible", where=where, found=f"{value!r:.80}", required=required
-    )
+    raise CallError("invalid argument", where=where, found=f"{value!r:.80}", required=required)

@@ -244,7 +244,7 @@ def _problem(
     place = [part for part in raw["loc"] if str(part) not in ("[key]", "[value]", "[source]")]
     kind, value, context = raw["type"], raw["input"], raw.get("ctx", {})
     found: str | None = _shown(value)
-    message, required, fix = "the setting is not possible", raw["msg"], None
+    message, required, fix = "invalid setting", raw["msg"], None
     refused = context.get("error")
     if isinstance(refused, Refused):
         required, fix = refused.required, refused.fix

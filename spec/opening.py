@@ -65,7 +65,7 @@ def check_version(version: object, path: AnyFile) -> None:
             where="spec_version",
             found=str(version)[:40],
             required=f"{SPEC_VERSION.split('.')[0]}.x",
-            fix="Use a Pliant that knows it.",
+            fix="Install a version of Pliant that reads it.",
         )
 
 
@@ -84,7 +84,7 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
     """
     if not truth.is_file():
         raise SpecError(
-            f"the truth of split {split} is not here",
+            f"the truth of split {split} was not found",
             path=truth,
             fix="Give its file, its folder or the private half of the dataset with --truth. Where "
             "its publisher withholds it, `pliant check` finds the problems of a submission.",

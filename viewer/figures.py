@@ -55,7 +55,7 @@ def draw_figure(
         CallError: The sequence or the file's ending cannot be served.
     """
     if count < 1:
-        raise CallError("no images are asked for", where="--count", found=count, required=">= 1")
+        raise CallError("invalid number of images", where="--count", found=count, required=">= 1")
     check_ending(out, PICTURES if figure in _SHEETS else DRAWINGS)
     dataset = Dataset.open(root)
     chosen = [dataset.chosen(sequence)] if sequence else list(dataset.sequences)

@@ -40,7 +40,7 @@ def check_figure_path(path: Path) -> None:
     """
     check_ending(path, FORMATS)
     if path.is_dir():
-        raise CallError("a folder stands where the figure should go", path=path)
+        raise CallError("the output is a folder, not a file", path=path)
     require_folder(path.parent)
 
 

@@ -159,5 +159,7 @@ def _with_objects(photo: PhotoView, path: Path) -> PhotoView:
     height, width = view.rgb.shape[:2]
     objects = resize_nearest(read_mask(path, photo.size), (width, height))
     if view.mask is None:
-        raise CallError("a mask of all objects needs the mask of the object itself", path=path)
+        raise CallError(
+            "a mask of all objects (--objects-…) needs the object's own mask (--mask-…)", path=path
+        )
     return replace(photo, view=view.replace(objects=objects | view.mask))

@@ -117,7 +117,7 @@ class Surfaces:
             raise SpecError(
                 "keypoint matches are scored through surface images, and one is missing",
                 path=self._dataset.sequence(sequence).dir / layout.depth_name(frame),
-                fix="Score where the whole dataset is, or submit answers instead.",
+                fix="Score with the complete dataset, or submit answers instead of matches.",
             )
         return surface
 
@@ -195,7 +195,7 @@ class Surfaces:
         points = point[answered]
         if len(points) and (points.min() < 0 or points.max() >= len(material)):
             raise SpecError(
-                "the truth names a point that the point table has not",
+                "the truth names a point that is not in the point table",
                 path=self._dataset.root,
                 found=int(points.max()),
                 required=f"0 to {len(material) - 1}",

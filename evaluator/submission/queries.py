@@ -125,7 +125,7 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
     tiers, tier = _coded(table, ("tier",), first)
     unknown = [name for name in tiers if name not in dataset.tiers]
     if unknown:
-        raise SpecError("the queries name a tier the dataset has not", path=path, found=unknown[0])
+        raise SpecError("the queries name an unknown tier", path=path, found=unknown[0])
     sequences, both = _coded(table, ("sequence_a", "sequence_b"), first)
     return Queries(
         split=split,

@@ -207,10 +207,10 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
         differences.append(f"tiers ({', '.join(missing)} there, not in this call)")
     if differences:
         raise CallError(
-            "the folder contains a set made with other settings",
+            "the folder contains a dataset generated with other settings",
             path=root,
             found="; ".join(differences),
-            fix="Call it with the same settings (sequences and tiers may be added, not taken "
+            fix="Use the same settings (sequences and tiers may be added, not taken "
             "away), or name another folder",
         )
 

@@ -190,7 +190,7 @@ def _make_missing(
                     logger.error("%s, attempt %d: %s", event.task.id, number, event.error)
                     if event.fatal is not None:
                         raise GenerationError(
-                            "the run cannot go on",
+                            "the run cannot continue",
                             where=event.task.id,
                             found=event.fatal,
                             fix=_kept(state.sequences, len(plan.tasks)),
@@ -211,12 +211,12 @@ def _require_here(root: Path, event: Finished) -> None:
         raise GenerationError(
             "the output folder was moved or removed during the run",
             path=root,
-            fix="Give the same command with its new name: what is finished is kept.",
+            fix="Run the command again with the new path; finished sequences are kept.",
         )
     folder = event.task.folder(root)
     if not folder.is_dir():
         raise GenerationError(
-            "a worker finished this sequence, but it is not here",
+            "a worker finished this sequence, but its folder was not found",
             path=folder,
             fix="With --engine ray the output must be on a file system that all nodes share",
         )
@@ -273,7 +273,9 @@ def check_call(config: GenerateConfig, workers: int, open_maker: OpenMaker | Non
         MissingExtraError: Numba, or for its styles Blender, is not installed.
     """
     if workers < 1:
-        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
+        raise CallError(
+            "invalid number of workers", where="workers", found=workers, required=">= 1"
+        )
     if open_maker is None:
         require_packages(required_packages(config.style), "generating a dataset", "generate")
 

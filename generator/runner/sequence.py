@@ -173,7 +173,7 @@ class SequenceMaker:
                         rgb = apply_noise(rng, rgb, truth.surface, config.noise)
                 if (rgb[0] == rgb[0, 0]).all() and (rgb == rgb[0, 0]).all():
                     raise GenerationError(
-                        "the picture is one colour: its faults leave nothing of the object",
+                        "the picture has one colour: noise or camera faults hide the object",
                         where=f"frame {frame}",
                         fix="Reduce depth_camera or noise, or make a larger image.",
                     )

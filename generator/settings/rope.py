@@ -223,7 +223,7 @@ class RopeSettings(Settings):
         if self.substeps < least:
             raise Refused(
                 f"at least {least} at this length and frame rate, or the rope stretches and "
-                "tunnels",
+                "passes through itself",
                 "substeps",
             )
         if self.lift_m[1] > 0.25 * self.length_m:

@@ -63,7 +63,9 @@ class CarriedPoints:
         self._flow = FlowChain("dis-chain") if flow else None
         width, height = matcher.size
         if matcher.input.kind == "depth":
-            raise CallError("points are carried by networks that see pictures", where=matcher.name)
+            raise CallError(
+                "this network has no picture input and cannot carry points", where=matcher.name
+            )
         settings = TimeCycleSettings(
             width=width,
             height=height,

@@ -176,10 +176,10 @@ def _start(
     state = read_checkpoint(checkpoint)
     if state.data != data:
         raise TrainingError(
-            "a run goes on with the data it began with",
+            "a run resumes only with the datasets that it was started with",
             path=run,
             found=", ".join(each.address for each in task.datasets),
-            required="the same datasets, with the sequences they had",
+            required="the same datasets with the same sequences",
             fix="Name them, or start another run.",
         )
     if state.processes != task.processes.world:

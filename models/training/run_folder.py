@@ -87,7 +87,7 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
         raise CallError(
             "the folder of a new run must be empty",
             path=run,
-            fix="Name another one, or go on with --resume.",
+            fix="Use another folder, or continue the run with --resume.",
         )
     run.mkdir(parents=True, exist_ok=True)
     try:
@@ -127,7 +127,7 @@ def begun_settings(run: Path, method: type[Chosen]) -> Chosen:
             "the run is of another method, or its config was edited",
             path=run,
             found=str(error).splitlines()[0],
-            fix="Resume it by the `pliant train` command that began it.",
+            fix="Resume it with the `pliant train` command that started it.",
         ) from error
 
 
@@ -166,7 +166,7 @@ def check_same_settings(
             continue
         inner = isinstance(value, Mapping) and next(k for k in value if value[k] != begun[name][k])
         raise TrainingError(
-            "a run goes on with the settings it began with",
+            "a run resumes only with the settings that it was started with",
             path=run / CONFIG,
             where=f"{name}.{inner}" if inner else name,
             found=value[inner] if inner else value,

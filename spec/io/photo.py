@@ -169,7 +169,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
             mask = values != 0
     if not mask.any() or (mask.all() and (values != values[0, 0]).any()):
         raise PliantError(
-            f"the mask is black {'nowhere' if mask.any() else 'everywhere'}",
+            "the mask has no black pixel" if mask.any() else "the mask is black everywhere",
             path=path,
             required="black, or label 0, outside the object only",
         )
@@ -315,11 +315,11 @@ def _unreadable(path: Path, error: Exception) -> PliantError:
 def _eight_bit(picture: Image.Image) -> Image.Image:
     """Return a picture in mode RGB: itself if it has it, as copies of 12 megapixels take time."""
     if picture.mode == _FLOATING:
-        raise ValueError("its numbers have a floating point: save it with 8 or 16 bits a channel")
+        raise ValueError("its pixels are floating-point: save it with 8 or 16 bits per channel")
     if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip at 255
         grey = np.asarray(picture, dtype=np.int64)
         if grey.min() < 0 or grey.max() > 65535:
-            raise ValueError("its numbers exceed 16 bits: save it with 8 or 16 bits a channel")
+            raise ValueError("its pixels exceed 16 bits: save it with 8 or 16 bits per channel")
         eight = picture.mode == _INTEGER and grey.max() <= 255
         return Image.fromarray((grey if eight else grey >> 8).astype(np.uint8)).convert("RGB")
     if "A" in picture.getbands() or "transparency" in picture.info:

@@ -74,7 +74,7 @@ def check_regular(path: AnyFile, max_bytes: int) -> int:
             "only regular files are read",
             path=path,
             found="a link" if stat.S_ISLNK(status.st_mode) else "a folder or a special file",
-            fix="Put the file itself there.",
+            fix="Replace it with the file itself.",
         )
     check_size(path, status.st_size, max_bytes)
     return status.st_size

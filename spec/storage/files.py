@@ -206,7 +206,7 @@ def _remove(folder: Path, process: int) -> None:
 
 def _whole(data: bytes, count: int, path: str) -> bytes:
     if len(data) != count:
-        raise _unreadable(path, f"{len(data)} bytes where {count} should be")
+        raise _unreadable(path, f"{len(data)} bytes instead of {count}")
     return data
 
 

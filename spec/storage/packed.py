@@ -64,7 +64,7 @@ class PackedFiles:
         if not 0 <= count <= limit or offset < 0 or not layout.is_shard_name(shard):
             raise FileRefusedError(
                 "INDEX_INVALID",
-                "the index names a place that cannot be",
+                "the index points outside its shard",
                 path=f"{self.address}/{layout.INDEX_TABLE}",
                 where=name,
                 found=f"{count} bytes from {offset} of {shard!r:.80}",

@@ -127,8 +127,8 @@ def test_workers_answer_with_a_class_of_a_file(methods_file: Path, cards: Datase
     [
         ("", {}, "the class is missing.*Name it after a colon: .*:Matcher"),
         (":", {}, "the class is missing.*Name it after a colon: [^:]*:Matcher"),
-        (":Shfit", {}, "there is no 'Shfit' in it.*Did you mean Shift"),
-        (":Matcher", {}, "there is no 'Matcher' in it; required: one of Shift, .*function"),
+        (":Shfit", {}, "'Shfit' was not found in the module.*Did you mean Shift"),
+        (":Matcher", {}, "'Matcher' was not found .*; required: one of Shift, .*function"),
         (":Shift", {"dx": 1}, "unexpected keyword argument 'dx'; found dx=1; .*options du, dv"),
         (":factory", {}, "missing a required argument: 'amount'; found no options"),
         (":ready", {"du": 1}, "takes no options; found du"),

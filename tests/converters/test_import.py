@@ -120,7 +120,7 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, rejected: Rejected) -> Non
     sizes = {
         "9000x100": "found 9000x100; required: sides of at most 8,192 px",
         "8000x8000": "16,777,216 pixels in all",
-        **dict.fromkeys(("0x5", "5", "5x5x5", "-5x5"), "--size: the size"),
+        **dict.fromkeys(("0x5", "5", "5x5x5", "-5x5"), "--size: "),
     }
     for size, said in sizes.items():
         assert said in rejected(source, "--size", size, code=2)

@@ -134,5 +134,5 @@ def test_a_truth_of_something_else_is_refused(wrong: str, tmp_path: Path) -> Non
     check_truth(path, **right)
     with pytest.raises(SpecError, match="the truth does not belong to these queries"):
         check_truth(path, **right | {wrong: "f" * 64})
-    with pytest.raises(SpecError, match="is not here"):
+    with pytest.raises(SpecError, match="was not found"):
         check_truth(tmp_path, **right)

@@ -15,7 +15,7 @@ def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path, called
     assert called(*train, "--resume")[0] == 0
     code, _, error = called(*train, "--resume", "--set", "validation.every=9")
     assert code == 1
-    assert "config.yaml, validation.every: a run goes on with" in error
+    assert "config.yaml, validation.every: a run resumes only with" in error
 
 
 @pytest.mark.parametrize("method", ["don", "timecycle"])
@@ -78,7 +78,7 @@ def test_a_run_is_resumed_with_the_settings_of_its_checkpoint(
     config.write_text(written.replace("descriptor_dim: 4", "descriptor_dim: 8"))
     code, _, error = called(*train, "--resume")
     assert code == 1
-    assert "config.yaml, network.descriptor_dim: a run goes on with" in error
+    assert "config.yaml, network.descriptor_dim: a run resumes only with" in error
     assert "found 8; required: 4. Leave --config and --set out and config.yaml as it was" in error
     config.write_text(written.replace("threads: 0", "threads: 1"))
     assert called(*train, "--resume")[0] == 0

@@ -14,8 +14,8 @@ from pliant.spec.errors import CallError
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("loss.sigma_px=-1", "not possible; found -1; required: > 0 px"),
-        ("network.name=vgg", 'not possible; found "vgg"; required: one of unet'),
+        ("loss.sigma_px=-1", "invalid setting; found -1; required: > 0 px"),
+        ("network.name=vgg", 'invalid setting; found "vgg"; required: one of unet'),
         ("network.descriptor_dim=1000000000", "found 1000000000; required: 1 to 1024"),
         ("network.widths=[8, 1000000000]", "required: 8 to 1024"),
         ("network.widths=[8,8,8,8,8,8,8,8,32]", "two to eight multiples of 8"),

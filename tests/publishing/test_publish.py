@@ -151,7 +151,7 @@ def test_calls_that_make_no_sense_are_refused(
         (2, "exists already", whole, "--out", full),
         (2, "inside the dataset", whole, "--out", whole / "out"),
         (2, "unknown split", whole, "--out", out, "--hold-out", "tset"),
-        (2, "nothing to ask", whole, "--out", out, "--hold-out", "train"),
+        (2, "truth are missing", whole, "--out", out, "--hold-out", "train"),
         (2, "size cannot be read", whole, "--out", out, "--shard-size", "5XB"),
         (2, "shards would be too small", whole, "--out", out, "--shard-size", "10"),
         (2, "not an address", whole, "--out", out, "--url", "https://example.org/my ropes"),

@@ -81,7 +81,10 @@ def test_the_truth_alone_scores_what_needs_no_surface(halves: Any, submission: P
     assert evaluate(submission, halves.public, truth=truth, protocol="paper").overall == (
         whole.overall
     )
-    for given, said in ((None, "split test is not here.*--truth"), (halves.whole, "not a private")):
+    for given, said in (
+        (None, "split test was not found.*--truth"),
+        (halves.whole, "not a private"),
+    ):
         with pytest.raises(SpecError, match=said):
             evaluate(submission, halves.public, truth=given)
     with pytest.raises(SpecError, match=r"no truth for split 'test'; required: one of val$"):
@@ -217,7 +220,7 @@ def test_a_shard_that_was_cut_short_is_noticed(halves: Any, tmp_path: Path) -> N
     whole = halves.public / "frames" / "test-00000.parquet"
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / whole.name).write_bytes(whole.read_bytes()[:1000])
-    with pytest.raises(SpecError, match="1000 bytes where 2000 should be"):
+    with pytest.raises(SpecError, match="1000 bytes instead of 2000"):
         LocalFiles(tmp_path).read_range(f"frames/{whole.name}", 0, 2000)
 
 

@@ -162,7 +162,7 @@ def test_shipped_files_are_accepted_and_a_misspelt_key_is_refused(kind: str, pat
     [
         (
             ["generate", "rope", "--out", "OUT", "--set", "look.specular=[0, 3]"],
-            "--set, look.specular: the setting is not possible; found [0, 3]; required: 0 to 1",
+            "--set, look.specular: invalid setting; found [0, 3]; required: 0 to 1",
         ),
         (
             ["train", "don", "--data", "DATA", "--out", "OUT", "--set", "augment.rotate_degree=3"],
@@ -170,7 +170,7 @@ def test_shipped_files_are_accepted_and_a_misspelt_key_is_refused(kind: str, pat
         ),
         (
             ["benchmark", "BENCHMARK", "--out", "OUT", "--set", "sets.rope.tiers=[ropes]"],
-            '--set, sets.rope.tiers.0: the setting is not possible; found "ropes"; '
+            '--set, sets.rope.tiers.0: invalid setting; found "ropes"; '
             "required: one of rope, cloth-1, cloth-2, cloth-3, towel. Did you mean 'rope'?",
         ),
     ],

@@ -117,7 +117,7 @@ class Episode:
             simulator.place(before[0])
             simulator.previous[:] = before[1]
         raise GenerationError(
-            f"the cloth pokes through itself whatever {_CHOICES} actions are tried",
+            f"the cloth intersects itself after each of {_CHOICES} tried actions",
             where=f"{self._streams.task.id}, frame {self._frame + 1}",
             fix="Lower hand_speed_m_s or raise contact_spacings",
         )

@@ -83,9 +83,9 @@ def sample_configuration(
             return made
     kind = shape if variant == "plain" else f"{variant} {shape}"
     raise GenerationError(
-        f"no possible {kind} was found in {most} attempts",
+        f"no valid {kind} was found in {most} attempts",
         where="rope",
-        fix="Make the rope longer or thinner, widen the workspace, take fewer control_points, or "
+        fix="Make the rope longer or thinner, widen the workspace, use fewer control_points, or "
         "leave this shape out.",
     )
 

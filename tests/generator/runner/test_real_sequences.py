@@ -82,7 +82,7 @@ def test_noise_and_the_depth_camera_change_the_colours_alone(changes, named, tmp
 
 def test_a_picture_without_anything_is_refused(tmp_path):
     lost = DepthCameraSettings(pinholes=(1.0, 1.0), specks=(0.0, 0.0))
-    with pytest.raises(GenerationError, match="the picture is one colour"):
+    with pytest.raises(GenerationError, match="the picture has one colour"):
         generate(small(style="real-depth", depth_camera=lost), tmp_path, engine=InProcess())
 
 

@@ -77,7 +77,7 @@ def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path)
     assert other.id == sheet_dataset.id
     run = tmp_path / "run"
     train_two_steps(train_don, sheet_dataset, run, don())
-    with pytest.raises(TrainingError, match="run: a run goes on with the data it began with"):
+    with pytest.raises(TrainingError, match="run: a run resumes only with the datasets"):
         train_don(other, run, don(), resume=True)
 
 
@@ -211,7 +211,7 @@ def test_what_cannot_go_on_or_answer_is_refused(sheet_dataset: Dataset, tmp_path
         load_matcher(tmp_path / "nothing")
     run = tmp_path / "run"
     train_don(sheet_dataset, run, don("steps=2"))
-    with pytest.raises(TrainingError, match="settings it began with"):
+    with pytest.raises(TrainingError, match="settings that it was started with"):
         train_don(sheet_dataset, run, don("steps=9"), resume=True)
     folder = known(latest_checkpoint(run))
     (folder / "weights.safetensors").write_bytes(b"broken")

@@ -72,7 +72,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     described = matcher.describe()
     assert described["propagation"]["top_k"] == 10
     json.dumps(described)
-    with pytest.raises(TrainingError, match="settings it began with"):
+    with pytest.raises(TrainingError, match="settings that it was started with"):
         train_timecycle(dataset, run, timecycle("seed=4"), resume=True)
     kept = (run / "config.yaml").read_text()
     (run / "config.yaml").write_text("pairs: {views: 4}\n" + kept)

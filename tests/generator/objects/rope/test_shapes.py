@@ -159,7 +159,7 @@ def test_no_room_is_said_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(static, "ATTEMPTS", 3)
     crowded = RopeSettings(workspace=(0.4, 0.4), shapes={"open": 1.0})
     rng = np.random.default_rng(0)
-    with pytest.raises(GenerationError, match="no possible open was found in 6 attempts"):
+    with pytest.raises(GenerationError, match="no valid open was found in 6 attempts"):
         _ = [sample_configuration("open", crowded, rng) for _ in range(20)]
 
 
