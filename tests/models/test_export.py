@@ -161,7 +161,7 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     assert "data.yaml" not in unknown
     secret = card({"config": {k: v for k, v in provenance["config"].items() if k != "seed"}})
     assert "| seed | secret |" in secret
-    assert "`data.yaml` is the whole config, without the seed." in secret
+    assert "`data.yaml` has the complete config, without the seed." in secret
     assert "pliant generate --config" in plain
     assert "pliant generate --config" not in secret
     mean = card({}, mean_of=["first", "further"], share_of_the_last=0.3, processes=2)
@@ -262,7 +262,7 @@ def test_what_cannot_be_shipped_is_refused(
     shutil.copytree(dataset.root, same_id)
     listed = same_id / "sequences.parquet"
     pq.write_table(pq.read_table(listed).slice(1), listed)
-    with pytest.raises(CallError, match="trained on other sequences than the dataset of this id"):
+    with pytest.raises(CallError, match="other sequences than the run was trained on"):
         export_run(trained, "don", tmp_path, Dataset.open(same_id))
     publish(dataset.root, public, PublishSettings(hold_out=("test",), answers_are_public=True))
     export_run(trained, "from-public", tmp_path / "public-card", Dataset.open(public))
@@ -363,7 +363,7 @@ def test_further_data_and_first_weights_are_named_without_paths(
     named = changed.replace(also=(f"{dataset.root}#rope", "#rope", f"{other}#rope"))
     write_settings(tmp_path / "run", named)
     state = next((tmp_path / "run").glob("checkpoints/*/state.json"))
-    with pytest.raises(CallError, match="trained on other sequences than the dataset of this id"):
+    with pytest.raises(CallError, match="other sequences than the run was trained on"):
         export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset, replace=True)
     digest = data_digest([dataset, dataset, dataset, Dataset.open(other)])
     state.write_text(json.dumps(json.loads(state.read_text()) | {"data": digest}))
@@ -393,4 +393,4 @@ def test_card_names_all_tiers(also: list[str], phrase: str) -> None:
         training_s=None,
     )
     assert f"Trained on {phrase}." in card
-    assert f"It knows the objects of {phrase} and no other" in " ".join(card.split())
+    assert f"It is trained for the objects of {phrase} only" in " ".join(card.split())
