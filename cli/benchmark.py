@@ -76,7 +76,7 @@ def command(
     config = read_config(config_file, overrides)
     if tests:
         config = config.only(tests)
-    differing = run_shown(config, out, resume, workers or _default_workers(), until)
+    differing = run_with_progress(config, out, resume, workers or _default_workers(), until)
     from pliant.benchmarks.suite.page import write_results
 
     chosen = "".join(f" --test {name}" for name in config.part)
@@ -95,7 +95,7 @@ def command(
     return 1 if differing.sets else 0
 
 
-def run_shown(
+def run_with_progress(
     config: BenchmarkConfig, out: Path, resume: bool, workers: int, until: str = "answer"
 ) -> Differences:
     """Run a benchmark and show its progress; arguments and errors as `run_benchmark`."""

@@ -1,4 +1,4 @@
-"""`pliant challenge`: what the host of an evaluation service does."""
+"""`pliant challenge`: administration of an evaluation service."""
 
 from __future__ import annotations
 

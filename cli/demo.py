@@ -34,11 +34,11 @@ def command(
     workers: int | None,
     as_json: bool,
 ) -> None:
-    """Render, validate, answer, score and report a small benchmark.
+    """Generate, validate, predict, score and report on a small benchmark.
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB, the networks that come with
-    Pliant, and the controls answer the same queries; DIR/report/index.html shows a match in
-    pictures, the tables of scores and the causes of the errors. The last line is the command that
+    Pliant, and the controls answer the same queries. DIR/report/index.html shows an example
+    match, the scores and the causes of the errors. The last line of the output is the command that
     serves the ropes as a challenge.
     Run the same command again to resume an interrupted demo.
     """
@@ -54,7 +54,7 @@ def command(
     from pliant.benchmarks.suite.page import rmse_by_tier, write_results
     from pliant.benchmarks.suite.table import finished_rows
     from pliant.benchmarks.suite.work import Workspace
-    from pliant.cli.benchmark import run_shown
+    from pliant.cli.benchmark import run_with_progress
 
     started = time.monotonic()
     width, height = image_size(size)
@@ -65,7 +65,7 @@ def command(
         Path(str(files("pliant.benchmarks.suite") / "demo.yaml")),
         [f"sets.{name}.{key}={value}" for name in _SETS for key, value in settings.items()],
     )
-    differing = run_shown(config, out, True, workers or cpu_cores())
+    differing = run_with_progress(config, out, True, workers or cpu_cores())
     write_results(config, out, differing, "pliant demo --out DIR")
     page = out / "report" / "index.html"
     rmse = rmse_by_tier(config, finished_rows(config, Workspace(out)))

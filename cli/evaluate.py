@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option(
     "--split",
     type=click.Choice(SPLITS),
-    help="Refuse a submission to another split, such as one whose truth is public.",
+    help="Refuse a submission for another split, such as one whose truth is public.",
 )
 @path_option("--out", "REPORT", "Report folder.")
 @click.option(

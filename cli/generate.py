@@ -1,4 +1,4 @@
-"""`pliant generate`: make a dataset, or go on with one."""
+"""`pliant generate`: generate a dataset, or resume the generation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pliant import`: bring in images and point annotations made elsewhere."""
+"""`pliant import`: import images and point annotations of other tools."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 @choice_option(
     "--queries",
     ["first", "strided", "pairs"],
-    "Ask each point where it is first seen or in every fifth frame (TAP-Vid), or in drawn pairs "
-    "of frames; "
+    "Query each point in its first visible frame (first) or in every fifth frame (strided), as in "
+    "TAP-Vid, or in random pairs of frames (pairs); "
     "default: pairs for pictures, first for tracks.",
 )
-@click.option("--pairs", default=100, show_default=True, help="Pairs drawn, with --queries pairs.")
+@click.option("--pairs", default=100, show_default=True, help="Number of pairs (--queries pairs).")
 @path_option("--pair-list", "FILE.csv", "Pictures: query only these pairs; columns source,target.")
 @click.option(
     "--size",
@@ -65,8 +65,8 @@ if TYPE_CHECKING:
 @choice_option(
     "--pixels",
     ["rounded", "index"],
-    "Pictures: numbers are positions from the corner, or columns and rows of pixels, to which "
-    "0.5 is added.",
+    "Pictures: coordinates are positions measured from the image corner (rounded), or columns and "
+    "rows of pixels, to which 0.5 is added (index).",
     "rounded",
 )
 @click.option("--episode", is_flag=True, help="Pictures: frames are consecutive in time.")

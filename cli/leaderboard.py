@@ -45,8 +45,8 @@ def command(
 
     FILE.html is one page with the table. SITE is a folder of plain files with the table and every
     report: look at it with `pliant serve SITE`, copy it to any web server, or upload it as a
-    Hugging Face Space (its README.md says `sdk: static`). Of a challenge, the site has what its
-    service shows to everybody. Reports of different protocols, datasets or splits are refused.
+    Hugging Face Space (its README.md has `sdk: static`). For a challenge, the site has the public
+    pages of its service. Reports of different protocols, datasets or splits are refused.
     """
     document: dict[str, object]
     shown: list[Scores] = []

@@ -26,12 +26,15 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "info": ("pliant.cli.info", "Show a summary of a dataset."),
     },
     "Methods": {
-        "methods": ("pliant.cli.methods", "List the methods, and what each still needs."),
+        "methods": (
+            "pliant.cli.methods",
+            "List the available methods and their missing requirements.",
+        ),
         "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
         "train": ("pliant.cli.train", "Train a learned method; export a trained one."),
         "benchmark": (
             "pliant.cli.benchmark",
-            "Make a reference benchmark, from config to table.",
+            "Run a reference benchmark, from data generation to table.",
         ),
     },
     "Scoring": {

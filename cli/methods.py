@@ -17,9 +17,9 @@ from pliant.spec.extras import extra_of, is_installed
 @click.command()
 @json_option
 def command(as_json: bool) -> None:
-    """List the methods, and the command that installs what is missing for some of them.
+    """List the available methods, and the commands that install missing requirements.
 
-    Packages offer methods in the entry-point group `pliant.matchers`.
+    Other packages can register methods in the entry-point group `pliant.matchers`.
     """
     rows = list(_methods())
     if as_json:

@@ -48,8 +48,8 @@ method_options = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_parsed,
-    help="Option of the method, the value in YAML, such as seed=3; of a trained model, how it "
-    "answers, such as blank_square=any.",
+    help="Option of the method, with its value in YAML, such as seed=3; for a trained model, a "
+    "setting of `answer`, such as blank_square=any.",
 )
 """`--set KEY=VALUE`: keyword arguments for `open_method`."""
 

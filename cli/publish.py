@@ -1,4 +1,4 @@
-"""`pliant publish`: a public half that others host, and a private half with the answers."""
+"""`pliant publish`: a public half for release, and a private half with the answers."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from pliant.spec.text import plural
 @click.option(
     "--answers-are-public",
     is_flag=True,
-    help="Publish a set although its seed is not secret, so that anybody can generate the "
-    "held-out answers again.",
+    help="Publish although the seed is not secret, so that anybody can regenerate the withheld "
+    "answers.",
 )
 @click.option(
     "--author", "authors", multiple=True, metavar="NAME", help="Author, for the citation."

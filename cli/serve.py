@@ -35,7 +35,8 @@ from pliant.spec.errors import CallError
     "--trusted-proxy",
     default="",
     metavar="IP,...",
-    help="Addresses or networks of reverse proxies whose X-Forwarded headers count (challenge).",
+    help="Addresses or networks of reverse proxies whose X-Forwarded headers are trusted "
+    "(challenge).",
 )
 def command(
     place: Path,

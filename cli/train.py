@@ -35,7 +35,7 @@ def _run_options(function: F) -> F:
         data_option("Dataset folder, or a YAML file of pliant generate: frames are simulated."),
         out_option("RUN", "Folder of the run."),
         path_option(
-            "--config", "FILE", "YAML file of settings; what it leaves out keeps its default."
+            "--config", "FILE", "YAML file of settings; omitted settings keep their default."
         ),
         set_option("optimiser.learning_rate=1e-3"),
         click.option("--resume", is_flag=True, help="Continue from the run's newest checkpoint."),
@@ -100,10 +100,10 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
 def model(
     recipe: str, out: Path, overrides: tuple[str, ...], sequences: int | None, workers: int | None
 ) -> None:
-    """Train the stages of RECIPE from nothing and export the model.
+    """Train the stages of RECIPE from scratch and export the model.
 
-    Its data are generated first. RECIPE is the name of a shipped model, such as don-rope, or a
-    YAML file. --set changes the runs of all stages. Run the same command again to continue after
+    The data are generated first. RECIPE is the name of a shipped model, such as don-rope, or a
+    YAML file. --set applies to all stages. Run the same command again to continue after
     an interruption.
     """
     from pliant.generator.config import GenerateConfig

@@ -105,7 +105,7 @@ def test_the_papers_say_what_is_known(published: Path) -> None:
     ]
     assert not said
     private = published.with_name("public-private") / "README.md"
-    about, warnings = private.read_text().split("## Beware")
+    about, warnings = private.read_text().split("## Warnings")
     assert "cameras" not in about
     assert "--pair-list" in warnings
     assert "spdx.org" not in card + (published / "LICENSE").read_text()
