@@ -1,4 +1,4 @@
-"""Checking and joining what methods answer."""
+"""Checks and concatenates the answers of methods."""
 
 from __future__ import annotations
 

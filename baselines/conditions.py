@@ -1,8 +1,8 @@
-"""What a method is shown of a frame: the picture, and masks that are perfect, damaged or absent.
+"""The inputs of a method in a track: the picture, and masks that are exact, damaged or absent.
 
-A method that is given exact masks can score well without looking at pictures. So a benchmark shows
-it the image alone, or masks as a segmenter makes them; and a control shows it the same masks with a
-blank picture: what it scores then is not owed to the picture.
+A method that is given exact masks can score well without looking at pictures. Therefore a benchmark
+passes the image alone, or masks with the faults of a segmenter. As a control, it passes the same
+masks with a blank picture: that score comes from the masks alone.
 """
 
 from __future__ import annotations
@@ -150,12 +150,12 @@ def noise_of(rgb: npt.NDArray[np.uint8]) -> float:
     return float(np.median(response.mean(axis=1)) * np.sqrt(np.pi / 2) / 6)
 
 
-def shown(matcher: Matcher, masks: Masks, *, is_blank: bool = False) -> Matcher:
-    """Return a method that is shown its frames in a condition.
+def with_inputs(matcher: Matcher, masks: Masks, *, is_blank: bool = False) -> Matcher:
+    """Return a method whose input frames are changed.
 
     Args:
-        matcher: The method; what it can do besides answering (own keypoint matches, tracking) the
-            result can do as well. It keeps the last 64 frames that it changed, by their key.
+        matcher: The method. The result supports the same optional protocols (own keypoint matches,
+            tracking), and caches the last 64 changed frames by their key.
         masks: `none`, `segmenter` (damaged) or `given` (as they are).
         is_blank: Replace every picture by the same grey.
     """
@@ -168,17 +168,17 @@ def shown(matcher: Matcher, masks: Masks, *, is_blank: bool = False) -> Matcher:
         steps.append(blank)
     if not steps:
         return matcher
-    kind: type[Shown] = Shown
+    kind: type[WithInputs] = WithInputs
     if isinstance(matcher, KeypointMatcher):
-        kind = ShownKeypoints
+        kind = KeypointsWithInputs
     elif isinstance(matcher, TrackMatcher):
-        kind = ShownTracker
+        kind = TrackerWithInputs
     facts = {"mask_quality": "segmenter"} if masks == "segmenter" else {}
     return kind(matcher, facts | ({"picture": "blank"} if is_blank else {}), steps)
 
 
-class Shown:
-    """A method that sees changed frames; made by `shown`."""
+class WithInputs:
+    """A method that gets changed frames; made by `with_inputs`."""
 
     def __init__(
         self, inner: Matcher, facts: Mapping[str, Any], steps: list[Callable[[Frame], Frame]]
@@ -190,34 +190,34 @@ class Shown:
         self._frames: LRUCache[Frame] = LRUCache(_KEPT_FRAMES)
 
     def describe(self) -> Mapping[str, Any]:
-        """Return the method's facts, and what it was shown."""
+        """Return the method's description, and the changes of its inputs."""
         return {**self._inner.describe(), **self._facts}
 
     def answer(self, pair: Pair) -> Answers:
-        """Answer as the method does, on changed frames."""
+        """Run the method on changed frames."""
         return self._inner.answer(
-            Pair(self._seen(pair.source), self._seen(pair.target), pair.uv_a_px)
+            Pair(self._changed(pair.source), self._changed(pair.target), pair.uv_a_px)
         )
 
-    def _seen(self, frame: Frame) -> Frame:
+    def _changed(self, frame: Frame) -> Frame:
         def changed() -> Frame:
             return functools.reduce(lambda seen, step: step(seen), self._steps, frame)
 
         return self._frames.get(frame.cache_key, changed)
 
 
-class ShownKeypoints(Shown):
-    """One that has keypoint matches of its own."""
+class KeypointsWithInputs(WithInputs):
+    """One with keypoint matches of its own."""
 
     def match(self, source: Frame, target: Frame) -> Matches:
-        """Match as the method does, on changed frames."""
+        """Run the method's own matching on changed frames."""
         inner = cast(KeypointMatcher, self._inner)
-        return inner.match(self._seen(source), self._seen(target))
+        return inner.match(self._changed(source), self._changed(target))
 
 
-class ShownTracker(Shown):
-    """One that follows points through episodes."""
+class TrackerWithInputs(WithInputs):
+    """One that tracks points through episodes."""
 
     def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
-        """Track as the method does, on changed frames."""
-        return cast(TrackMatcher, self._inner).track(map(self._seen, views), uv_px)
+        """Run the method's tracking on changed frames."""
+        return cast(TrackMatcher, self._inner).track(map(self._changed, views), uv_px)

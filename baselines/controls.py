@@ -1,4 +1,4 @@
-"""Controls: answers that need no looking, the floor and the ceiling of every table."""
+"""Controls: answers that do not use the image, as lower and upper bounds of every table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a matching method must offer: the `Matcher` protocol."""
+"""The `Matcher` protocol of matching methods, and optional protocols."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
 
 UNFAMILIAR = 0.02
-"""An answer of lower familiarity is called unlike what its method was trained on."""
+"""Answers of lower familiarity count as unlike the training data of the method."""
 
 
 def familiarity_summary(familiarity: npt.NDArray[np.float32]) -> dict[str, float]:
@@ -28,13 +28,13 @@ def familiarity_summary(familiarity: npt.NDArray[np.float32]) -> dict[str, float
 
 @dataclass(frozen=True)
 class Heat:
-    """How strongly a method believes in each pixel of the target, for one query.
+    """The probability of each pixel of the target, or a similar score, for one query.
 
     Attributes:
-        values: float32 (H, W), higher is better, NaN where the method does not look.
-        label: What the values are, for a colour bar.
-        confidence: How sure the method is of its answer, 0 to 1.
-        confidence_label: What that number is.
+        values: float32 (H, W), higher is better, NaN for pixels that are not searched.
+        label: Name of the values, for a colour bar.
+        confidence: Confidence of the answer, 0 to 1.
+        confidence_label: Name of the confidence.
     """
 
     values: npt.NDArray[np.float32]
@@ -91,7 +91,7 @@ class KeypointMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class HeatMatcher(Matcher, Protocol):
-    """A method that can show where else it would have looked.
+    """A method with a heat map over the target.
 
     Examples:
         >>> isinstance(pliant.open_method("sift"), pliant.baselines.matcher.HeatMatcher)
@@ -99,7 +99,7 @@ class HeatMatcher(Matcher, Protocol):
     """
 
     def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
-        """Return the method's belief over the target for one query.
+        """Return the heat map of one query.
 
         Args:
             source: The image the query is in.
@@ -111,7 +111,7 @@ class HeatMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class RemarkingMatcher(Matcher, Protocol):
-    """A method that can say what is wrong with two images before it is trusted.
+    """A method that warns about input images for which its answers are unreliable.
 
     Examples:
         >>> isinstance(pliant.open_method("rope-tracer"), pliant.baselines.matcher.RemarkingMatcher)
@@ -119,13 +119,13 @@ class RemarkingMatcher(Matcher, Protocol):
     """
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
-        """Return what a user should know of two images, as sentences; empty if nothing is wrong."""
+        """Return warnings about two images, one sentence each; empty if there are none."""
         ...
 
 
 @runtime_checkable
 class TrackMatcher(Matcher, Protocol):
-    """A method that follows points through the frames of an episode.
+    """A method that tracks points through the frames of an episode.
 
     Pairs within one episode are answered by tracking, all others by `answer`.
 
@@ -135,7 +135,7 @@ class TrackMatcher(Matcher, Protocol):
     """
 
     def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
-        """Carry points through consecutive frames.
+        """Track points through consecutive frames.
 
         Args:
             views: At least one frame, in the order of time or against it, read one by one as
@@ -153,7 +153,7 @@ class SharingMatcher(Matcher, Protocol):
     """A method whose copies in other processes share expensive results for a picture."""
 
     def share(self, folder: Path) -> None:
-        """Store it in a folder from now on, which exists as long as the copies answer."""
+        """Use a folder as shared cache, which exists as long as the worker processes run."""
         ...
 
 

@@ -66,7 +66,7 @@ def open_plugin(reference: str, options: Mapping[str, Any]) -> Matcher | SplitMa
 
 
 def make(found: Any, name: str, options: Mapping[str, Any]) -> Any:
-    """Return what a class or function makes of options; an object is returned itself.
+    """Call a class or function with options; another object is returned unchanged.
 
     Args:
         found: A class, a function that returns a method, a function that matches, or a method.

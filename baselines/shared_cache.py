@@ -1,4 +1,4 @@
-"""A cache whose copies in other processes find what one of them computed."""
+"""A cache of features that worker processes share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing submission files: columns, footer, and never a half-written one."""
+"""Writes submission files: columns, footer; an interrupted run leaves no partial file."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def check_split(dataset: Dataset, split: str) -> None:
 
 
 def check_method_name(name: object) -> None:
-    """Refuse a name of a method that nobody could read in a report.
+    """Refuse a name of a method that cannot be displayed in a report.
 
     Raises:
         CallError: It is not a text, blank, or has control or zero-width characters.

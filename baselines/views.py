@@ -1,4 +1,4 @@
-"""Photographs, as methods see them."""
+"""Photographs as input frames of methods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What scoring costs: CPU time over that of merely reading both files, and memory.
+"""Cost of scoring: CPU time relative to reading both files, and memory.
 
 A split of N queries (200 a pair, half of the pairs with a symmetry) and a shuffled submission are
 written once; every figure is then taken in a process of its own, alternating with a process that

@@ -1,4 +1,4 @@
-"""How fast a dataset is validated, next to merely decoding the same files.
+"""CPU time of validating a dataset, relative to decoding the same files.
 
 Generates a set in style `raster` (640x480, rope and cloth), then measures, on the same files,
 with the same libraries in one process: full validation, and decoding every PNG, EXR, Parquet and

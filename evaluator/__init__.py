@@ -1,4 +1,4 @@
-"""Scores anybody's answers by a named protocol; needs neither torch, Blender nor OpenCV."""
+"""Scores submissions by a named protocol; needs neither torch, Blender nor OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether an answer that needs no method would have done better: shown with the table.
+"""Compares the scores of a submission with those of trivial answers.
 
 Three controls are computed from the queries and the truth alone: `identity` answers the query's
 own pixel; `centroid` the middle of the true positions of the pair's other visible queries; `random`

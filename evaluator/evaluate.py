@@ -40,12 +40,12 @@ def evaluate(
         protocol: A protocol or its name; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as the worst value instead of refusing.
         hide_truth: Cap every error at the image diagonal, for scores that participants of a
-            competition see: uncapped errors tell single answers. Hints that need the truth are
+            competition see: uncapped errors reveal single answers. Hints that need the truth are
             left out too. See `public_scores`.
         limits: Read the submission in a child process with these limits, as the command does;
             None reads it in this process, which a hostile file can crash.
         workers: Number of processes that read surface images, >= 1; does not change the scores.
-        progress: Called with (pairs scored, pairs in all) now and then.
+        progress: Called repeatedly with (number of scored pairs, total number of pairs).
 
     Returns:
         The scores.

@@ -1,4 +1,4 @@
-"""What participants of a competition may see of scores, so that hidden answers stay hidden.
+"""Restricts the scores that participants of a competition see, to protect withheld answers.
 
 A score in full precision is an equation for the answers: one answer moved by a known amount changes
 the RMSE by an amount that depends on its truth alone. See docs/competitions.md.

@@ -24,7 +24,7 @@ from pliant.evaluator.metrics.blocks import BLOCK_ROWS, read_blocks, read_tables
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
-from pliant.evaluator.metrics.surfaces import Surfaces, looked_up_ahead
+from pliant.evaluator.metrics.surfaces import Surfaces, prefetched
 from pliant.evaluator.protocols.protocol import Protocol, metric_class
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table
 from pliant.evaluator.statistics.bootstrap import intervals
@@ -95,7 +95,7 @@ def score(
             queries, tables, loaded.answers, rows if has_images else None, cap_errors=hide_truth
         )
     if workers > 1 and has_images and (has_causes or "geodesic" in protocol.settings):
-        blocks = looked_up_ahead(blocks, context.surfaces, queries, workers)
+        blocks = prefetched(blocks, context.surfaces, queries, workers)
     for block in blocks:
         for each in observers:
             each.update(block)

@@ -1,4 +1,4 @@
-"""Making a shipped model from nothing: its sets, the stages of its training, the mean, the export.
+"""Trains a shipped model from scratch: data, training stages, averaging of weights, export.
 
 A recipe is one YAML file (`models/configs/models/`). Everything is made in one folder: sets are
 generated into `sets/`, every stage is a run in `stages/`, and the model is exported to `models/`.

@@ -1,4 +1,4 @@
-"""The functions that `import pliant` offers; heavy libraries are imported when one is called."""
+"""The functions of `import pliant`; heavy libraries are imported when one is called."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def load(source: Dataset | Path | str) -> Dataset:
     Args:
         source: An open dataset (returned as it is), its folder, a URL that fsspec knows (`s3://`,
             `https://`), or the id of a dataset on the Hugging Face Hub (`USER/NAME`) where no such
-            folder exists. `sample` is the small dataset of ropes that the package contains. A YAML
+            folder exists. `sample` is a small dataset of ropes in the package. A YAML
             file of `pliant generate` is a dataset without files: its frames are simulated when they
             are read.
 
@@ -104,7 +104,7 @@ def stream(
     training draws from the written dataset.
 
     Args:
-        config: What `pliant generate` would make: its YAML file, its values, or a `GenerateConfig`.
+        config: Settings of `pliant generate`: a YAML file, their values, or a `GenerateConfig`.
         tier: The tier; empty where the config has only one.
         split: The split.
         size: (width, height) of the network's input, pixels.
@@ -158,12 +158,12 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
             `fused:METHOD` (optical flow, corrected by that method), `carried:MODEL` (points
             carried by the descriptors of Dense Object Nets), `path/to/my.py:Matcher`,
             `package.module:Matcher`, or the folder of a training run.
-        options: Keyword arguments of the method's class or function; of a trained model, how it
-            answers: see `load_matcher`.
+        options: Keyword arguments of the method's class or function; for a trained model, settings
+            of `answer`, see `load_matcher`.
 
     Raises:
-        CallError: It is none of them, both a shipped model and a run of that name, or a method
-            that does not take these options.
+        CallError: The method is unknown, the name is that of a shipped model and of a run here, or
+            the method does not take these options.
         MissingExtraError: The method's libraries are not installed.
 
     Examples:
@@ -242,15 +242,15 @@ def predict(
     """Answer the queries of a split with a method, in memory.
 
     Args:
-        dataset: The dataset, or what `load` takes.
-        method: What `open_method` takes, a `Matcher`, an object with `match` alone, or a function
-            (source, target, queries (N, 2)) -> positions (N, 2) or `Answers`.
+        dataset: A dataset, or an argument of `load`.
+        method: An argument of `open_method`, a `Matcher`, an object with only `match`, or a
+            function (source, target, queries (N, 2)) -> positions (N, 2) or `Answers`.
         split: A split with queries.
         workers: Number of processes; does not change the answers.
-        progress: Called with the pairs done and the pairs in all.
+        progress: Called with the number of finished pairs and the total number of pairs.
 
     Returns:
-        The answers; `write` makes a submission file of them.
+        The answers; `write` saves them as a submission file.
 
     Raises:
         CallError: No such method or split.
@@ -284,18 +284,18 @@ def evaluate(
     """Score answers.
 
     Args:
-        dataset: The dataset, or what `load` takes.
-        answers: What `predict` returned, the path of a submission, a table with the columns of a
-            submission, or the positions alone, float (N, 2), pixels, in the order of the queries.
-        split: The split that a table or an array answers; the other two name it themselves.
-        truth: The split's truth where the dataset does not contain it: a file, or the private
-            half of a published dataset.
+        dataset: A dataset, or an argument of `load`.
+        answers: The result of `predict`, the path of a submission, a table with the columns of a
+            submission, or only positions, float (N, 2), pixels, in the order of the queries.
+        split: The split of a table or an array; the result of `predict` and a submission name it.
+        truth: The ground truth of the split, if the dataset does not contain it: a file, or the
+            private half of a published dataset.
         protocol: Name of a protocol (default: `standard`).
         allow_missing: Score a query without an answer as the worst value.
 
     Raises:
-        SubmissionError: Something is wrong with the answers; its `issues` list all of it.
-        CallError: No such protocol or split, or what `predict` returned is of another dataset.
+        SubmissionError: The answers have problems; `issues` lists all of them.
+        CallError: Unknown protocol or split, or the answers are of another dataset.
 
     Examples:
         >>> answers = pliant.predict("sample", "centroid")

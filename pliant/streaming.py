@@ -1,4 +1,4 @@
-"""Training batches that no file contains: simulated, rendered and collated in worker processes."""
+"""Training batches without a dataset: simulated, rendered and collated in worker processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a published copy tells, and what it keeps to itself, of splits that are held out."""
+"""Which data of held-out splits a published copy contains, and which it withholds."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def listed(files: Mapping[str, bytes]) -> list[dict[str, Any]]:
 
 
 def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
-    """Return a warning where the scores of a competition may tell a split's answers, None if not.
+    """Return a warning if the scores of a competition may reveal a split's answers, None if not.
 
     A figure of four digits carries at most log2(9,000) bits, a position to one pixel as many as the
     image has pixels (docs/competitions.md, "What scores reveal"). What a participant learns from

@@ -1,4 +1,4 @@
-"""The papers of a publication that others read: licence, citation, and the record of Zenodo."""
+"""Accompanying documents of a publication: licence, citation and Zenodo record."""
 
 from __future__ import annotations
 

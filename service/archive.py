@@ -1,4 +1,4 @@
-"""Backups while the service runs, one file with everything for later, and the way back."""
+"""Backups of a running service, the archive of a challenge, and restoring both."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def renew(database: Database, lease: Lease, limits: Scoring) -> bool:
         return job is not None
 
 
-def give_back(database: Database, lease: Lease, error: str, *, later: bool) -> None:
+def release_job(database: Database, lease: Lease, error: str, *, later: bool) -> None:
     """Let another worker take a job; this try counts.
 
     Args:

@@ -1,4 +1,4 @@
-"""Accepts files, shows what became of them, withdraws them."""
+"""Accepts submissions, reports their state, and withdraws them."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _held(session: Session, phase: Phase, who: Identity) -> str:
     return f"Wait for your files in the queue ({waiting}): a refused one gives its attempt back. "
 
 
-def may_be_known(session: Session, phase: Phase, who: Identity, size: int | None) -> bool:
+def has_file_of_size(session: Session, phase: Phase, who: Identity, size: int | None) -> bool:
     """Return whether a team has sent a file of a size (bytes) before, perhaps the same one."""
     same_size = select(Submission.id).where(
         Submission.team_id == who.team_id,

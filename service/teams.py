@@ -1,4 +1,4 @@
-"""Teams, their tokens, and who a token belongs to."""
+"""Teams, their tokens, and the identity that belongs to a token."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Identity:
 
 
 def invite(session: Session, name: str, *, actor: str, is_host: bool = False) -> tuple[Team, str]:
-    """Add a team and return it with its token, which is shown this once.
+    """Add a team and return it with its token, which is shown only once.
 
     Raises:
         CallError: The name is taken, empty, too long, or has characters that cannot be shown.

@@ -1,4 +1,4 @@
-"""A worker: takes jobs, has them done in a child process, stores what came out."""
+"""A worker: leases jobs, runs each in a child process, and stores the result."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class Worker:
         log.error("job failed", extra={"job": lease.job_id, "error": error})
         if not final and lease.tries < self._limits.tries:
             later = isinstance(outcome, OSError)  # a full disk must not fail all that waits
-            queue.give_back(database, lease, error[:2000], later=later)
+            queue.release_job(database, lease, error[:2000], later=later)
             return
         shown = "Scoring failed. The host sees why; no attempt was charged."
         if isinstance(outcome, LimitError):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 MAX_POSITION_PX: Final = 1e6
 """|u| and |v| of an answer. A position outside the image is an answer like any other and is
-scored by its distance; a number beyond this bound is none."""
+scored by its distance; a number beyond this bound is invalid."""
 
 MAX_SIGMA_PX: Final = 1e6
 """Largest standard deviation."""

@@ -1,4 +1,4 @@
-"""Checks of the arguments of the Python API: one clear error instead of one from deep inside."""
+"""Checks of the arguments of the Python API, so that errors name the argument."""
 
 from __future__ import annotations
 

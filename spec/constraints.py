@@ -1,4 +1,4 @@
-"""What a setting may be: bounds with a unit, one of some names, ranges, weights.
+"""Constraints of settings: bounds with a unit, choices, ranges, weights.
 
 Each is metadata of an annotation in a class of settings (`spec/configuration.py`), such as
 `length_m: Annotated[float, Bounds(0.05, 20)]`. It checks the value.

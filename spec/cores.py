@@ -1,4 +1,4 @@
-"""How many CPU cores there are to use."""
+"""Number of available CPU cores."""
 
 from __future__ import annotations
 

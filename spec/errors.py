@@ -1,4 +1,4 @@
-"""What can go wrong, and the two ways of saying it: an exception, or a list of issues."""
+"""Exceptions, and the issues that a validation collects."""
 
 from __future__ import annotations
 

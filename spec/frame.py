@@ -1,4 +1,4 @@
-"""One picture of an object, as a method may see it, and a pair of them with queries."""
+"""A frame as input of a method, and a pair of frames with queries."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CHANGES: Final = itertools.count()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame:
-    """One picture, and what a method may know about it: nothing here is ground truth.
+    """One picture and the other inputs of a method. It contains no ground truth.
 
     A frame is made from arrays (a photograph), or belongs to a dataset (`RecordedFrame`).
 
@@ -28,7 +28,7 @@ class Frame:
         key: Name of the frame (`SEQUENCE/INDEX` in a dataset), or empty.
         objects: bool (H, W), True where any object is visible (a rope's ball too), or None.
         camera: Intrinsics and pose, or None if not known.
-        cache_key: Name of what its arrays contain, by which methods cache what they computed: its
+        cache_key: Name of the contents, under which methods cache computed features: its
             key, for a frame that is made from arrays. A frame without one is not cached.
 
     Examples:
@@ -62,7 +62,7 @@ class Frame:
 
     @property
     def border_rgb(self) -> tuple[int, ...]:
-        """The mean colour of its border, which a picture that is moved shows outside."""
+        """The mean colour of the border, used as fill colour outside of a warped picture."""
         return tuple(int(value) for value in border(self.rgb).mean(axis=0).round())
 
     def replace(self, *, variant: str = "", **changes: Any) -> Frame:
@@ -85,7 +85,7 @@ class Frame:
         return Frame(**kept, **changes).cached_as(cache_key)
 
     def without_masks(self) -> Frame:
-        """Return the frame as a method sees it that is given no masks."""
+        """Return the frame without its masks."""
         return self.replace(variant="without masks", mask=None, objects=None)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What is checked where a dataset is opened: its version, names, tiers, and truth."""
+"""Checks when a dataset is opened: version, names, tiers, and truth."""
 
 from __future__ import annotations
 

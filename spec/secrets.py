@@ -1,7 +1,7 @@
 """The secret seed of a generated dataset: 128 bits in a private file that is never published.
 
-Whoever has the seed of a dataset generates its answers again. A seed in a public file, or one
-that can be found by trying, therefore gives a held-out split away.
+With the seed of a dataset, anybody can generate its answers again. A seed in a public file, or one
+that can be guessed, therefore reveals the answers of a held-out split.
 """
 
 from __future__ import annotations

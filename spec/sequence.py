@@ -1,4 +1,4 @@
-"""One sequence of a dataset and its frames; files are read when they are asked for."""
+"""One sequence of a dataset and its frames; files are read on first access."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_a_cloth_of_any_shape() -> None:
         return 0.5 * u, 0.06 * t - 0.1 * np.sin(t), 0.3 - 0.1 * np.cos(t)
 
     cloth.drape(loop)
-    with pytest.raises(GenerationError, match="pokes through itself"):
+    with pytest.raises(GenerationError, match="intersects itself"):
         cloth.pose()
 
 

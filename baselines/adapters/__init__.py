@@ -1,4 +1,4 @@
-"""Matchers made of what users have: functions, flow, warps, descriptors, matches, trackers."""
+"""Adapters from functions, flow, warps, descriptors, matches and trackers to matchers."""
 
 from pliant.baselines.adapters.complete import MatchFunction, as_matcher, from_function
 from pliant.baselines.adapters.dense import from_flow, from_warp

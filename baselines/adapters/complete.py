@@ -1,4 +1,4 @@
-"""Completes what users have to a matcher: a default name and description, answers of matches."""
+"""Completes a user's object to a matcher: default name, description, and answers from matches."""
 
 from __future__ import annotations
 

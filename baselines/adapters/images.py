@@ -1,4 +1,4 @@
-"""What goes into a user's function and comes out: images, positions, maps over an image."""
+"""Conversion of the inputs and outputs of a user's function: images, positions, maps."""
 
 from __future__ import annotations
 

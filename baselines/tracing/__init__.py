@@ -1,7 +1,7 @@
-"""Following a rope through its mask, from one end to the other."""
+"""Traces a rope in its mask, from one end to the other."""
 
 from pliant.baselines.tracing.beyond_border import completed, with_cut_ends
-from pliant.baselines.tracing.crossings import Crossing, Overlap, SeenStrand, self_crossings
+from pliant.baselines.tracing.crossings import Crossing, Overlap, VisibleStrand, self_crossings
 from pliant.baselines.tracing.depth_in_mask import half_width_px
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, has_ball
@@ -22,9 +22,9 @@ __all__ = [
     "Overlap",
     "Reframed",
     "RopeTracer",
-    "SeenStrand",
     "Skeleton",
     "Trace",
+    "VisibleStrand",
     "completed",
     "half_width_px",
     "has_ball",

@@ -28,28 +28,28 @@ class Crossing:
         first: Number of the point before the place on the first passage.
         second: The same on the second passage, larger.
         place_px: float64 (2,).
-        ways: float64 (2, 2), unit vectors along the line on the first and the second passage.
+        directions: float64 (2, 2), unit vectors along the line on the first and the second passage.
     """
 
     first: int
     second: int
     place_px: FloatArray
-    ways: FloatArray
+    directions: FloatArray
 
 
 @dataclass(frozen=True)
-class SeenStrand:
+class VisibleStrand:
     """Which of two crossing strands is seen in a square around their crossing.
 
     Attributes:
         place_px: float64 (2,), the middle of the square.
-        way: float64 (2,), unit vector along its x axis.
+        direction: float64 (2,), unit vector along its x axis.
         reach_px: Half its side.
         square: float32 (side, side), log odds that the first strand is seen and not the second one.
     """
 
     place_px: FloatArray
-    way: FloatArray
+    direction: FloatArray
     reach_px: float
     square: Float32Array
 
@@ -63,8 +63,8 @@ class SeenStrand:
     def log_odds(self, uv_px: npt.NDArray[np.floating[Any]]) -> Float32Array:
         """Return the log odds that places (N, 2) show the first strand, float32 (N,)."""
         apart = uv_px - self.place_px
-        aside = np.array([-self.way[1], self.way[0]])
-        share = np.stack([apart @ aside, apart @ self.way]) / self.reach_px
+        aside = np.array([-self.direction[1], self.direction[0]])
+        share = np.stack([apart @ aside, apart @ self.direction]) / self.reach_px
         pixel = (share + 1) / 2 * len(self.square) - 0.5
         return np.asarray(map_coordinates(self.square, pixel, order=1, mode="nearest"))
 
@@ -83,7 +83,7 @@ class Overlap:
     first: slice
     second: slice
     half_px: float
-    seen: SeenStrand
+    seen: VisibleStrand
 
 
 def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
@@ -104,10 +104,10 @@ def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
         on_first, on_second = _cross(gap, step[j]) / across, _cross(gap, step[i]) / across
     met = (on_first >= 0) & (on_first < 1) & (on_second >= 0) & (on_second < 1)
     first, second = i[met], j[met]
-    ways = np.stack([step[first], step[second]], axis=1)
-    ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+    directions = np.stack([step[first], step[second]], axis=1)
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     places_px = start[first] + on_first[met, None] * step[first]
-    return list(map(Crossing, first.tolist(), second.tolist(), places_px, ways))
+    return list(map(Crossing, first.tolist(), second.tolist(), places_px, directions))
 
 
 def nearest_stations(

@@ -1,4 +1,4 @@
-"""The ways in which a mask can be read as one rope, each with what speaks for it."""
+"""The candidate paths (*readings*) of one rope in a mask, each with its statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the shape of a mask says of whether it is that of one rope."""
+"""Statistics of the shape of a mask that show whether it is that of one rope."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Reframed:
 
     @classmethod
     def unchanged(cls, view: Frame) -> Reframed:
-        """Return a view as it is, taken for one from straight above."""
+        """Return a view unchanged, as one from straight above."""
         return cls(view, Nadir.of_frame(view))
 
     def zoomed(self, shown: Mask | None, least: float, wanted: float) -> Reframed:

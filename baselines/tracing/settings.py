@@ -1,4 +1,4 @@
-"""Every constant of reading ropes, and how it was chosen."""
+"""All constants of rope tracing, and how each was chosen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walking along a rope's mask with momentum, many walkers at once."""
+"""Walks with momentum along the mask of a rope, vectorised over many walkers."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ def walks(
     across_px = np.linspace(-TRACING.walk_across_px, TRACING.walk_across_px, 7)
     framed = np.pad(depth, 2)
     for step in range(1, TRACING.walk_most_steps + 1):
-        ways = np.stack(
+        directions = np.stack(
             [
                 cos * way[:, :1] - sin * way[:, 1:],
                 sin * way[:, :1] + cos * way[:, 1:],
             ],
             axis=-1,
         )  # (K, 21, 2)
-        ahead = place[:, None, None] + ways[:, :, None] * look_px[:, None]
+        ahead = place[:, None, None] + directions[:, :, None] * look_px[:, None]
         gain = sampled(framed, ahead) @ look_weights - cost
-        chosen = ways[walkers, gain.argmax(axis=1)]
+        chosen = directions[walkers, gain.argmax(axis=1)]
         way = keep * way + (1 - keep) * chosen
         way /= np.sqrt(way[:, :1] ** 2 + way[:, 1:] ** 2)
         place = place + TRACING.walk_step_px * way

@@ -143,7 +143,7 @@ class Test(Settings):
         ]
 
 
-class Asked(NamedTuple):
+class PlannedAnswers(NamedTuple):
     """A method in a track, on a variant of a test.
 
     Attributes:
@@ -226,10 +226,10 @@ class BenchmarkConfig(Settings):
         return {name: made for name, made in self.sets.items() if made.counts.get(TEST_SPLIT)}
 
     @property
-    def answers(self) -> list[Asked]:
+    def answers(self) -> list[PlannedAnswers]:
         """Everything that is to be answered, in the table's order."""
         return [
-            Asked(key, test, variant, name, entry)
+            PlannedAnswers(key, test, variant, name, entry)
             for key, test in self.tests.items()
             for variant, name in test.variants.items()
             for entry in test.entries

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.baselines import METHODS, KeypointMatcher
-from pliant.baselines.conditions import shown
+from pliant.baselines.conditions import with_inputs
 from pliant.baselines.fused_tracker import PREFIX as FUSED
 from pliant.baselines.fused_tracker import FusedTracker
 from pliant.baselines.matcher import SplitMatcher
@@ -143,7 +143,7 @@ def _answer(job: AnswerJob, meter: Meter, progress: Progress) -> dict[str, Any]:
             matcher = CarriedPoints(matcher)
         matcher.name = job.entry.method
     if not isinstance(matcher, SplitMatcher):
-        matcher = shown(matcher, job.entry.track, is_blank=job.entry.is_blank)
+        matcher = with_inputs(matcher, job.entry.track, is_blank=job.entry.is_blank)
     facts: dict[str, Any] = {}
     for kind, out in job.answers.items():
         if kind == "matches" and not isinstance(matcher, KeypointMatcher):

@@ -11,8 +11,8 @@ from pliant.baselines.submission_file import Kind, check_split
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums, read_frozen
 from pliant.benchmarks.suite.config import (
     TEST_SPLIT,
-    Asked,
     BenchmarkConfig,
+    PlannedAnswers,
     Test,
     digest,
     model_of,
@@ -196,7 +196,7 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     _run(jobs, "answer", identities, work, workers, watcher)
 
 
-def _turn(asked: Asked) -> tuple[int, int]:
+def _turn(asked: PlannedAnswers) -> tuple[int, int]:
     """Return when it is its turn: the first variants and tracks come first."""
     return [*asked.test.variants].index(asked.variant), asked.test.tracks.index(asked.entry.track)
 

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pliant.baselines.conditions import Masks
-from pliant.benchmarks.suite.config import PAPER_LOSSES, TRACKS, Asked, BenchmarkConfig, Entry, Test
+from pliant.benchmarks.suite.config import (
+    PAPER_LOSSES,
+    TRACKS,
+    BenchmarkConfig,
+    Entry,
+    PlannedAnswers,
+    Test,
+)
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
 
@@ -90,7 +97,9 @@ def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
     ]
 
 
-def _row(config: BenchmarkConfig, work: Workspace, asked: Asked, facts: dict[str, Any]) -> Row:
+def _row(
+    config: BenchmarkConfig, work: Workspace, asked: PlannedAnswers, facts: dict[str, Any]
+) -> Row:
     key, test, variant, set_name, entry = asked
     scores = {}
     for protocol in test.protocols:

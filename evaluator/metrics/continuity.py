@@ -1,8 +1,8 @@
-"""Whether neighbours stay neighbours: jumps and local stretch.
+"""Continuity of answers: jumps and local stretch between neighbouring queries.
 
-The paper speaks of "large discontinuous jumps" between the answers of neighbouring pixels. Here
-a neighbour is the nearest other query of the source frame, and a pair of neighbours is asked
-only where the truth itself keeps them together.
+The paper mentions "large discontinuous jumps" between the answers of neighbouring pixels. Here
+a neighbour is the nearest other query of the source frame, and a pair of neighbours is used
+only if their true positions are close in the target too.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ContinuitySettings(Settings):
 
 
 class Continuity(Metric[ContinuitySettings]):
-    """Whether the answers keep together what the truth keeps together."""
+    """Jump rate and local stretch of the answers of neighbouring queries."""
 
     Settings = ContinuitySettings
     query_pixels = True

@@ -1,8 +1,8 @@
 """Answers to points that have an equal partner elsewhere: the two ends of a rope without its ball.
 
-No picture tells such a point from its partner, so that an error in pixels says little: a matcher
-that finds both and tosses a coin has a large RMSE. These figures look at the discs around the point
-and its visible partners, of queries whose discs do not overlap.
+No picture distinguishes such a point from its partner, so an error in pixels says little: a matcher
+that finds both and chooses one at random has a large RMSE. These figures use the discs around the
+point and its visible partners, of queries whose discs do not overlap.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the target images' surface layer says about answers, read as rarely as possible."""
+"""Looks up answers in the surface images of the target frames, reading each image once."""
 
 from __future__ import annotations
 
@@ -236,14 +236,14 @@ def _look_up_in_process(block: Block) -> SurfaceFacts:
     return surfaces.facts(block, queries)
 
 
-def looked_up_ahead(
+def prefetched(
     blocks: Iterator[Block], surfaces: Surfaces, queries: Queries, workers: int
 ) -> Iterator[Block]:
-    """Yield blocks in order, each when `surfaces` has what it says about the block.
+    """Yield blocks in order, each after the worker processes have looked up its surfaces.
 
     Args:
         blocks: The blocks, read a few ahead.
-        surfaces: Receives what the worker processes look up.
+        surfaces: Receives the results of the worker processes.
         queries: The split's queries.
         workers: Number of worker processes.
     """

@@ -1,4 +1,4 @@
-"""Errors that forgive a symmetry of the object: a rope's ends swapped, a cloth turned."""
+"""Symmetry-aware errors: the ends of a rope may be swapped, a cloth may be rotated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What scores mean, in words: the first lines of reports, leaderboards and comparisons."""
+"""Summary sentences about scores, for reports, leaderboards and comparisons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Puts a submission's rows where they belong: an answer to its query, a match to its image pair."""
+"""Aligns the rows of a submission: answers with queries, matches with image pairs."""
 
 from __future__ import annotations
 

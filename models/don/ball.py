@@ -88,10 +88,10 @@ class BallCandidates:
         Args:
             picture: float32 (H, W, 3), colours from 0 to 1.
         """
-        place_px, ways = self.place[:, ::-1] + 0.5, self.outward[:, ::-1]
-        return ball_patches(picture, self.objects, place_px, ways, self.half_px)
+        place_px, directions = self.place[:, ::-1] + 0.5, self.outward[:, ::-1]
+        return ball_patches(picture, self.objects, place_px, directions, self.half_px)
 
-    def seen_from(self, ball: Mask) -> FloatArray:
+    def relative_to_candidates(self, ball: Mask) -> FloatArray:
         """Return a ball as a `BallNetwork` puts it, seen from every candidate.
 
         Args:

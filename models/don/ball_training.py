@@ -1,4 +1,4 @@
-"""Learns to tell a rope's ball from ends, knots and crossings, from frames of training splits.
+"""Trains the ball network: a rope's ball against ends, knots and crossings.
 
 Pictures are shown as they are, and in other colours and light, as to the network for masks. In the
 mask that is found in each, the candidates near the true ball are right and all others are wrong;
@@ -114,7 +114,9 @@ def _candidates(
         if candidates is not None:
             gap_px = ndimage.distance_transform_edt(~ball)[tuple(candidates.place.T)]
             near = ball.any() & (gap_px <= _NEAR * candidates.half_px)
-            balls = candidates.seen_from(ball) if ball.any() else np.zeros((len(near), 3))
+            balls = (
+                candidates.relative_to_candidates(ball) if ball.any() else np.zeros((len(near), 3))
+            )
             yield _Candidates(
                 candidates.patches(picture),
                 torch.from_numpy(near).float(),

@@ -19,7 +19,7 @@ from pliant.evaluator.metrics.calibration import expected_calibration_error, rel
 from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.metrics.mixtures import Mixtures, negative_log_likelihood, probability_within
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.models.don.certainty import Calibration, mean_doubt
+from pliant.models.don.certainty import Calibration, mean_log_sigma
 from pliant.models.don.decoding import Widths, mixture_of_modes
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
@@ -40,7 +40,7 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 """What `fit_sharpness` tries."""
 
 _ECE_WEIGHT = 10.0
-_PAIRS_A_GROUP = 60  # of like doubt; with 20, a group's calibration does not carry over
+_PAIRS_A_GROUP = 60  # of like log_sigma; with 20, a group's calibration does not carry over
 _MOST_GROUPS = 6
 _UNMASKED_PAIRS = 100
 _LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
@@ -51,7 +51,7 @@ class _Pair:
     """One pair's probabilities and truth, of the points visible in the target."""
 
     log_p: torch.Tensor  # (Q, M)
-    doubt: float  # `mean_doubt` of what the answers are read from
+    log_sigma: float  # `mean_log_sigma` of what the answers are read from
     uv: torch.Tensor  # (M, 2)
     answer: FloatArray  # (Q, 2), full-size pixels
     truth: FloatArray  # (Q, 2), full-size pixels
@@ -124,8 +124,8 @@ def _searched(
         kind = "tilted" if source.tilted or target.tilted else "straight"
         kind = "either_way" if found.either_way else kind
         shown = torch.from_numpy(seen)
-        doubt = mean_doubt(found.deciding[shown], found.uv_px)
-        kept[kind].append(_Pair(found.log_p[shown], doubt, found.uv_px, answer, truth))
+        log_sigma = mean_log_sigma(found.deciding[shown], found.uv_px)
+        kept[kind].append(_Pair(found.log_p[shown], log_sigma, found.uv_px, answer, truth))
     return _Searched(kept, np.concatenate(distances), np.concatenate(hidden))
 
 
@@ -142,26 +142,26 @@ def _fit_by_kind(
             straight = straight + pairs[kind]
         else:
             apart[kind] = pairs[kind]
-    best = _fit_by_doubt(start, straight, size, full_size)
+    best = _fit_by_log_sigma(start, straight, size, full_size)
     for kind, own in apart.items():
-        best = _changed(best, kind, _fit_by_doubt(start, own, size, full_size))
+        best = _changed(best, kind, _fit_by_log_sigma(start, own, size, full_size))
     return best
 
 
-def _fit_by_doubt(
+def _fit_by_log_sigma(
     start: Calibration, pairs: Sequence[_Pair], size: tuple[int, int], full_size: tuple[int, int]
 ) -> Calibration:
     """Return a calibration for each group of pairs, from the least doubtful to the most."""
-    doubts = np.array([pair.doubt for pair in pairs])
+    log_sigmas = np.array([pair.log_sigma for pair in pairs])
     groups = np.clip(len(pairs) // _PAIRS_A_GROUP, 1, _MOST_GROUPS)
     fitted: Calibration | None = None
     above = np.inf
-    for chosen in reversed(np.array_split(np.argsort(doubts, kind="stable"), groups)):
+    for chosen in reversed(np.array_split(np.argsort(log_sigmas, kind="stable"), groups)):
         own = _fit_distribution(start, [pairs[index] for index in chosen], size, full_size)
-        highest = float(doubts[chosen].max())
+        highest = float(log_sigmas[chosen].max())
         if fitted is not None:
             own = replace(own, doubt_above=(highest + above) / 2, doubtful=fitted)
-        fitted, above = own, float(doubts[chosen].min())
+        fitted, above = own, float(log_sigmas[chosen].min())
     assert fitted is not None  # there is one group at least
     return fitted
 

@@ -1,4 +1,4 @@
-"""Which pixels of a target image compete to be the match."""
+"""The candidate pixels of a target image."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from pliant.spec.arrays import Float32Array, FloatArray
 _LEAST_VARIANCE_PX2 = 0.01
 
 
-def mean_doubt(log_p: torch.Tensor, uv_px: torch.Tensor) -> float:
+def mean_log_sigma(log_p: torch.Tensor, uv_px: torch.Tensor) -> float:
     """Return the mean log standard deviation of p, in pixels of the network, over N queries.
 
     Args:
@@ -50,7 +50,7 @@ class Calibration:
             difference.
         unmasked: What holds where the masks were found in the pictures, None for no difference.
         either_way: What holds for a rope whose ends look alike, None for no difference.
-        doubt_above: Doubt (`mean_doubt`) of a pair of views above which `doubtful` holds.
+        doubt_above: Doubt (`mean_log_sigma`) of a pair of views above which `doubtful` holds.
         doubtful: What holds there, None for no difference: one network is too modest on smooth
             cloths and too sure on scrunched ones.
     """
@@ -107,7 +107,7 @@ class Calibration:
             log_p: float (N, M), log probabilities of its queries over the candidates.
             uv_px: float (M, 2), the candidates, in pixels of the network.
         """
-        if self.doubtful is None or mean_doubt(log_p, uv_px) <= self.doubt_above:
+        if self.doubtful is None or mean_log_sigma(log_p, uv_px) <= self.doubt_above:
             return self
         return self.doubtful.where(log_p, uv_px)
 

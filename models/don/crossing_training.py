@@ -52,12 +52,12 @@ class _Crossings(NamedTuple):
         seen: uint8 (N, 5, _KEPT_SIDE, _KEPT_SIDE): colours, where the first strand is seen, and
             where either is.
         lines: float (N, 2, L, 2), the middles of both strands from the crossing.
-        way: float (N, 2, 2), unit vectors along them.
+        direction: float (N, 2, 2), unit vectors along them.
     """
 
     seen: torch.Tensor
     lines: torch.Tensor
-    way: torch.Tensor
+    direction: torch.Tensor
 
 
 def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork | None:
@@ -91,7 +91,7 @@ def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork
 
 
 def _labelled(store: FrameStore, most: int) -> Iterator[_Crossings]:
-    """Yield the crossings of some frames, of which the picture tells which strand is on top."""
+    """Yield the crossings of some frames whose upper strand is visible in the picture."""
     along = store.material[:, 0]
     for number in range(min(most, len(store))):
         surface, frame = store.frames[number].surface, store.view(number)
@@ -107,7 +107,7 @@ def _labelled(store: FrameStore, most: int) -> Iterator[_Crossings]:
                 yield _Crossings(
                     (seen * 255).round().to(torch.uint8),
                     torch.from_numpy(_lines(line, each) / half_px).float(),
-                    torch.from_numpy(each.ways).float(),
+                    torch.from_numpy(each.directions).float(),
                 )
 
 
@@ -176,8 +176,8 @@ def _shown(kept: _Crossings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     count = len(kept.seen)
     swapped = torch.rand(count) < 0.5
     lines = torch.where(swapped[:, None, None, None], kept.lines.flip(1), kept.lines)
-    way = torch.where(swapped[:, None], kept.way[:, 1], kept.way[:, 0])
-    grid = _grid(way)
+    direction = torch.where(swapped[:, None], kept.direction[:, 1], kept.direction[:, 0])
+    grid = _grid(direction)
     seen = functional.grid_sample(
         kept.seen / 255, grid / _AROUND, padding_mode="border", align_corners=False
     )
@@ -197,14 +197,14 @@ def _shown(kept: _Crossings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     return torch.cat([rgb, gaps], dim=1), first.float(), weight
 
 
-def _grid(way: torch.Tensor) -> torch.Tensor:
-    """Return where the pixels of patches along ways (N, 2) are, about, float (N, SIDE, SIDE, 2)."""
-    count = len(way)
+def _grid(direction: torch.Tensor) -> torch.Tensor:
+    """Return the pixel positions of patches along `direction`, float (N, SIDE, SIDE, 2)."""
+    count = len(direction)
     along = torch.from_numpy(steps(REACH, SIDE)).float()
     y, x = torch.meshgrid(along, along, indexing="ij")
     mirrored = torch.where(torch.rand(count, 1, 1) < 0.5, -y, y)
     places = torch.stack([x.expand(count, -1, -1), mirrored], dim=-1)
-    angle = torch.atan2(way[:, 1], way[:, 0]) + _TURN_RAD * torch.randn(count)
+    angle = torch.atan2(direction[:, 1], direction[:, 0]) + _TURN_RAD * torch.randn(count)
     angle = angle + torch.pi * (torch.rand(count) < 0.5)
     turned = torch.einsum("nij,nhwj->nhwi", rotations(angle), places)
     scale = torch.exp(_WIDTH * torch.randn(count, 1, 1, 1))

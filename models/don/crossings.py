@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import torch
 
-from pliant.baselines.tracing import Crossing, Overlap, SeenStrand, Trace, self_crossings
+from pliant.baselines.tracing import Crossing, Overlap, Trace, VisibleStrand, self_crossings
 from pliant.models.networks.crossing_network import REACH, CrossingNetwork, crossing_planes
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.frame import Frame
@@ -43,7 +43,7 @@ class _Met:
         own, others = self.crossing, other.crossing
         if np.linalg.norm(own.place_px - others.place_px) > _SAME_PLACE * half_px:
             return 0
-        cosine = np.abs(own.ways @ others.ways.T)
+        cosine = np.abs(own.directions @ others.directions.T)
         straight, exchanged = cosine.diagonal(), cosine[::-1].diagonal()
         if max(straight.min(), exchanged.min()) < _SAME_WAY:
             return 0
@@ -64,7 +64,7 @@ def with_overlaps(
     picture = view.rgb.astype(np.float32) / 255
     factor = picture.shape[1] / mask.shape[1]
     area_px2 = float(mask.sum()) * factor**2
-    seen: list[tuple[_Met, SeenStrand]] = []
+    seen: list[tuple[_Met, VisibleStrand]] = []
     known = []
     for trace in traces:
         half_px = 0.5 * area_px2 / trace.length_px
@@ -96,7 +96,7 @@ def _meetings(trace: Trace, half_px: float) -> list[_Met]:
 
 
 def line_points(line_px: FloatArray, parts: Sequence[slice]) -> FloatArray:
-    """Return parts of a line (N, 2) as the network is shown them, float64 (K, LINE_POINTS, 2)."""
+    """Return parts of a line (N, 2) as inputs of the network, float64 (K, LINE_POINTS, 2)."""
     return np.stack(
         [
             line_px[np.linspace(part.start, part.stop - 1, LINE_POINTS).round().astype(np.int64)]
@@ -105,9 +105,11 @@ def line_points(line_px: FloatArray, parts: Sequence[slice]) -> FloatArray:
     )
 
 
-def _look(network: CrossingNetwork, picture: Float32Array, met: _Met, half_px: float) -> SeenStrand:
-    place_px, way = met.crossing.place_px, met.crossing.ways[0]
-    planes = crossing_planes(picture, place_px[None], way[None], met.lines_px[None], half_px)
+def _look(
+    network: CrossingNetwork, picture: Float32Array, met: _Met, half_px: float
+) -> VisibleStrand:
+    place_px, direction = met.crossing.place_px, met.crossing.directions[0]
+    planes = crossing_planes(picture, place_px[None], direction[None], met.lines_px[None], half_px)
     with torch.inference_mode():
         square = network(planes)[0].numpy()
-    return SeenStrand(place_px, way, REACH * half_px, square)
+    return VisibleStrand(place_px, direction, REACH * half_px, square)

@@ -94,7 +94,7 @@ def mixture_of_modes(
         log_p: float (Q, M).
         uv_px: float (M, 2).
         widths: What standard deviation a mode's variance stands for.
-        radius_px: Radius of a mode: a rope's places lie apart, a cloth's doubt is one wide hill.
+        radius_px: Radius of a mode: small for ropes, whose modes are apart; large for cloths.
 
     Returns:
         modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used

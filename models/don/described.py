@@ -10,9 +10,9 @@ import torch
 
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
-from pliant.models.don.mask_repair import repaired, surely_kept
+from pliant.models.don.mask_repair import is_surely_unchanged, repaired
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, denoised, rope_masks, surest
+from pliant.models.don.segmentation import cloth_mask, denoised, more_certain, rope_masks
 from pliant.models.don.table import on_plain_table
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
@@ -25,7 +25,7 @@ from pliant.spec.lru_cache import LRUCache
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
 _KEPT_MASKS = 256
-_SURENESS_EVERY = 4  # the mean over every fourth pixel differs by 0.0014 (standard deviation)
+_CONFIDENCE_EVERY = 4  # the mean over every fourth pixel differs by 0.0014 (standard deviation)
 _KEPT_UPRIGHT = 10  # both views of a pair, each as it is and as from above or in four turns
 
 
@@ -160,7 +160,7 @@ class ViewDescriber:
             cloth = self._foreground(view)[0]
         else:
             found = self.masks.found(rgb, CLOTH_SIDE)[0]
-            cloth = surest(found, lambda: self._foreground(view)[0])
+            cloth = more_certain(found, lambda: self._foreground(view)[0])
         mask = cloth_mask(rgb, cloth)
         return None if mask is None else (mask, None)
 
@@ -174,14 +174,14 @@ class ViewDescriber:
             mask, given = view.mask, view.objects
             if mask is not None and given is not None:
                 seen = resized(np.maximum(rope, objects) > 0.5, mask.shape)
-                if surely_kept(mask, given, seen):
+                if is_surely_unchanged(mask, given, seen):
                     return None
         found = rope_masks(rgb, rope, objects, self.ball)
         if found is not None and view.mask is not None:
             found = repaired(view.mask, view.objects, found)
         return found
 
-    def sureness(self, view: Frame) -> float:
+    def confidence(self, view: Frame) -> float:
         """Return the mean log probability of the likeliest material coordinates on the object.
 
         It is 0 for a network without a canonical head.
@@ -191,7 +191,7 @@ class ViewDescriber:
             return 0.0
         upright = self._seen(view)
         described = DescribedView([upright.descriptors], None, upright.mask, None)
-        rows = torch.from_numpy(described.on_object()[::_SURENESS_EVERY])
+        rows = torch.from_numpy(described.on_object()[::_CONFIDENCE_EVERY])
         parts = head.log_probabilities_in_parts(rows, self.network.scale.detach().cpu())
         return float(torch.cat([part.max(dim=1).values for part in parts]).mean())
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pliant.models.don.strangeness import TRACED, UsualDescriptors
+from pliant.models.don.strangeness import TRACED, DescriptorStatistics
 from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.errors import TrainingError
 
@@ -38,7 +38,7 @@ class Familiarity:
 
     thresholds: FloatArray
     combined: FloatArray
-    descriptors: UsualDescriptors | None = None
+    descriptors: DescriptorStatistics | None = None
 
     def score(self, statistics: FloatArray) -> Float32Array:
         """Return the familiarity of N queries, float32 (N,), 0 to 1.
@@ -72,11 +72,11 @@ class Familiarity:
         """
         try:
             given = document["descriptors"]
-            usual = None if given is None else UsualDescriptors.from_document(given)
+            usual = None if given is None else DescriptorStatistics.from_document(given)
             thresholds, combined = (
                 np.array(document[name], np.float64) for name in ("thresholds", "combined")
             )
-            count = len(TRACED if usual is None else UsualDescriptors.STATISTICS)
+            count = len(TRACED if usual is None else DescriptorStatistics.STATISTICS)
             if (thresholds.shape, combined.shape) != ((count, len(_TAILS)), (len(_TAILS),)):
                 raise ValueError(f"shapes {thresholds.shape}, {combined.shape}")
         except (KeyError, TypeError, ValueError) as error:
@@ -87,7 +87,7 @@ class Familiarity:
 
 
 def fit_familiarity(
-    statistics: FloatArray, descriptors: UsualDescriptors | None = None
+    statistics: FloatArray, descriptors: DescriptorStatistics | None = None
 ) -> Familiarity:
     """Return the familiarity of a network.
 

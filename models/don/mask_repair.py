@@ -31,7 +31,7 @@ _BALL_PX: Final = 3.0
 _BALL_RIM_PX: Final = 2.0
 
 
-def surely_kept(mask: Mask, objects: Mask, likely: Mask) -> bool:
+def is_surely_unchanged(mask: Mask, objects: Mask, likely: Mask) -> bool:
     """Return whether `repaired` keeps masks, before what is found has been sharpened by colour.
 
     It holds for 90 to 100 % of exact masks (50 to 70 % where something covers the rope). Of 700

@@ -200,8 +200,8 @@ def _light(rgb: torch.Tensor) -> torch.Tensor:
     count, _, height, width = rgb.shape
     each = (count, 1, 1)
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    way = 2 * torch.pi * torch.rand(each)
-    inside = (x - width / 2) * way.cos() + (y - height / 2) * way.sin()
+    angle = 2 * torch.pi * torch.rand(each)
+    inside = (x - width / 2) * angle.cos() + (y - height / 2) * angle.sin()
     inside = inside - 0.3 * width * torch.randn(each)
     soft = 0.5 * 120 ** torch.rand(each)
     band = (inside / soft).sigmoid() * ((20 * 20 ** torch.rand(each) - inside) / soft).sigmoid()
@@ -249,19 +249,19 @@ def _with_strands_of(
 
 
 def _pattern(
-    x: torch.Tensor, y: torch.Tensor, way: torch.Tensor, period: torch.Tensor
+    x: torch.Tensor, y: torch.Tensor, angle: torch.Tensor, period: torch.Tensor
 ) -> torch.Tensor:
     """Return stripes or chequers with edges, (N, h, w), -1 to 1; in some samples 0.
 
     Args:
         x: float (h, w), column of each pixel.
         y: float (h, w), row.
-        way: float (N, 1, 1), direction in which the pattern changes, rad.
+        angle: float (N, 1, 1), direction in which the pattern changes, rad.
         period: float (N, 1, 1), px.
     """
-    along = torch.sin((x * way.cos() + y * way.sin()) * 2 * torch.pi / period)
-    across = torch.sin((y * way.cos() - x * way.sin()) * 2 * torch.pi / period)
-    drawn = torch.rand_like(way)
+    along = torch.sin((x * angle.cos() + y * angle.sin()) * 2 * torch.pi / period)
+    across = torch.sin((y * angle.cos() - x * angle.sin()) * 2 * torch.pi / period)
+    drawn = torch.rand_like(angle)
     chequered = torch.where(drawn < _PATTERNED / 2, along * across, along)
     return torch.where(drawn < _PATTERNED, (20 * chequered).tanh(), 0.0)
 
@@ -277,11 +277,11 @@ def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor, *, patterned: bool) -
         smooth = functional.interpolate(noise, (height, width), mode="bilinear")
         drawn = drawn + strength * smooth
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    way, period = torch.rand(count, 1, 1) * torch.pi, 6 + 60 * torch.rand(count, 1, 1)
-    wave = torch.sin((x * way.cos() + y * way.sin()) * 2 * torch.pi / period)[:, None]
+    angle, period = torch.rand(count, 1, 1) * torch.pi, 6 + 60 * torch.rand(count, 1, 1)
+    wave = torch.sin((x * angle.cos() + y * angle.sin()) * 2 * torch.pi / period)[:, None]
     drawn = drawn + 0.25 * torch.rand(count, 1, 1, 1).square() * wave
     if patterned:
-        drawn = drawn + _pattern(x, y, way, period)[:, None] * 0.3 * torch.randn(count, 3, 1, 1)
+        drawn = drawn + _pattern(x, y, angle, period)[:, None] * 0.3 * torch.randn(count, 3, 1, 1)
     return (drawn * _shadow(objects)).clamp(0.0, 1.0)
 
 

@@ -20,10 +20,10 @@ from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
-from pliant.models.don.search import Decided, Search
+from pliant.models.don.search import PairDistribution, Search
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
-from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statistics
+from pliant.models.don.strangeness import DescriptorStatistics, QueryDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedView, both_completed, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
@@ -102,7 +102,7 @@ class DonMatcher:
         statistics = (
             self._traced_statistics(decided)
             if usual is None
-            else usual.statistics(self._asked(decided))
+            else usual.statistics(self._query_descriptors(decided))
         )
         return replace(answers, familiarity=self.familiarity.score(statistics))
 
@@ -115,18 +115,18 @@ class DonMatcher:
         decided = (self._decided(pair.source, pair.target, pair.uv_a_px) for pair in pairs)
         if self.settings.decode == "trace":
             return fit_familiarity(np.concatenate(list(map(self._traced_statistics, decided))))
-        asked = list(map(self._asked, decided))
-        usual = UsualDescriptors.of(asked)
+        asked = list(map(self._query_descriptors, decided))
+        usual = DescriptorStatistics.of(asked)
         return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
 
-    def _traced_statistics(self, decided: Decided) -> FloatArray:
+    def _traced_statistics(self, decided: PairDistribution) -> FloatArray:
         source, target = self._both_traced(decided.source, decided.target)
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
-    def _asked(self, decided: Decided) -> Asked:
+    def _query_descriptors(self, decided: PairDistribution) -> QueryDescriptors:
         views = decided.source.view, decided.target.view
         source, target = map(self._views.described, views)
-        return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
+        return QueryDescriptors(source, target, decided.found.query.numpy(), decided.found.distance)
 
     def share(self, folder: Path) -> None:
         """Store traces, turns and masks in a folder, where copies in other processes find them."""
@@ -141,7 +141,7 @@ class DonMatcher:
         views, traces = [each.view for each in traced], [each.traces for each in traced]
         return rope_remarks(views, shapes, traces)
 
-    def _decided(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Decided:
+    def _decided(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> PairDistribution:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
         coarsely = partial(self.answered_by_network, every_px=GRID_EVERY_PX)
@@ -157,13 +157,13 @@ class DonMatcher:
                 either_way=found.either_way,
             ).where(found.deciding, found.uv_px)
         position = self.decoded(found, in_view.view)
-        return Decided(from_view, in_view, found, calibration, position)
+        return PairDistribution(from_view, in_view, found, calibration, position)
 
     def object_mask(self, view: Frame) -> BoolArray | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         return self.reader.masked(view).mask
 
-    def _answers(self, decided: Decided) -> Answers:
+    def _answers(self, decided: PairDistribution) -> Answers:
         """Return what the distribution says of the queries, in pixels of the target as seen."""
         found, calibration = decided.found, decided.calibration
         log_p, uv = found.log_p, found.uv_px
@@ -214,14 +214,14 @@ class DonMatcher:
         """
         compared = self.compare(source.view, target.view, uv_a_px)
         if self.settings.decode != "trace":
-            log_p = self._every_way(compared.log_p, source, target, uv_a_px)
+            log_p = self._over_quarter_turns(compared.log_p, source, target, uv_a_px)
             found = compared.uv_px, compared.distance, compared.query
             return Search(log_p, *found, None, self._on_one_side(compared, source, target, uv_a_px))
         traced = traced_places(*self._both_traced(source, target), self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
             candidates_px = uv.double().numpy() * self._views.pixel_scale(target.view)
-            deciding = traced.weighed_in(log_p, candidates_px)
+            deciding = traced.weighted_log_p(log_p, candidates_px)
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
 
@@ -249,7 +249,7 @@ class DonMatcher:
             return log_p
         return (log_p + side.log_weight(uv_a_px / scale, compared.uv_px)).log_softmax(dim=1)
 
-    def _every_way(
+    def _over_quarter_turns(
         self, log_p: torch.Tensor, source: Reframed, target: Reframed, uv_a_px: Float32Array
     ) -> torch.Tensor:
         """Return the mean of p over the ways in which a blank square may be turned, as a logarithm.

@@ -37,13 +37,13 @@ _RIM_PX: Final = 2
 _DARK: Final = 16.0  # of 255: shares of nearly black pixels say nothing
 
 
-def settled_by_print(
+def turned_by_print(
     source: Reframed, target: Reframed, views: ViewDescriber, matched: Callable[[Pair], FloatArray]
 ) -> Reframed:
     """Return the source turned so that its print agrees with the target's.
 
-    Where either picture shows no print, or no mask, or where no turn is better than the
-    others by enough, the source stays as it is, and nothing is settled.
+    If either picture has no print or no mask, or if no turn is clearly better than the others, the
+    source is returned unchanged.
 
     Args:
         source: The view that the queries are in.
@@ -81,7 +81,7 @@ def _colours(view: Frame, views: ViewDescriber) -> FloatArray:
 
 
 def _is_printed(colours: FloatArray, shown: Mask) -> bool:
-    """Return whether an object has several colours, which no light and no fold makes of one."""
+    """Return whether an object has several colours, more than light and folds can produce."""
     inside = binary_erosion(shown, iterations=_RIM_PX)
     if inside.sum() < _POINTS / 4:
         return False

@@ -20,10 +20,10 @@ from pliant.baselines.tracing import (
 )
 from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
-from pliant.models.don.prints import settled_by_print
+from pliant.models.don.prints import turned_by_print
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.square import other_quarter_turns, turned, upright_turn
-from pliant.models.don.table import SeenTable
+from pliant.models.don.table import VisibleTable
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.crossing_network import CrossingNetwork
@@ -121,11 +121,11 @@ class RopeReader:
         if shown is None or not shown.any():
             return as_it_is
         above = self._large(untilted(view, _TILT, shown, view.border_rgb))
-        gain = self._views.sureness(above.view) - self._views.sureness(as_it_is.view)
+        gain = self._views.confidence(above.view) - self._views.confidence(as_it_is.view)
         return above if gain > _SURER else as_it_is
 
     def _turn(self, key: str, seen: Reframed, shown: Mask) -> float:
-        return self._turns.get(key, lambda: upright_turn(seen, shown, self._views.sureness))
+        return self._turns.get(key, lambda: upright_turn(seen, shown, self._views.confidence))
 
     def _large(self, seen: Reframed) -> Reframed:
         return seen.zoomed(self._shown(seen.view), *self._settings.fill)
@@ -142,7 +142,7 @@ class RopeReader:
         """
         if self._settings.blank_square == "no" or not self._views.given.colour:
             return source
-        return settled_by_print(source, target, self._views, matched)
+        return turned_by_print(source, target, self._views, matched)
 
     def ways(self, source: Reframed, target: Reframed) -> list[Reframed]:
         """Return the source turned to each other side, where nothing says how a cloth is turned.
@@ -187,7 +187,7 @@ class RopeReader:
         if view.mask is not None:
             given = None if says is None else lambda uv_px: says(uv_px / factor)
             mask, objects = view.mask, view.objects
-            table = SeenTable(view.rgb, mask if objects is None else mask | objects)
+            table = VisibleTable(view.rgb, mask if objects is None else mask | objects)
             traces = rope_traces(mask, objects, given, seen.nadir, table)
         elif own.mask is not None:
             mask, objects = own.mask, own.objects

@@ -1,4 +1,4 @@
-"""What the matcher knows of queries, before and after it decides."""
+"""Intermediate results of the matcher: before and after the choice of a distribution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.spec.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Search(Comparison):
-    """What the matcher knows of N queries before it decides.
+    """The probabilities of N queries, before a distribution is chosen.
 
     Attributes:
         traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
@@ -29,12 +29,12 @@ class Search(Comparison):
     @property
     def either_way(self) -> bool:
         """Whether they are on a rope whose ends look alike."""
-        return self.traced is not None and self.traced.other_way_px is not None
+        return self.traced is not None and self.traced.reversed_px is not None
 
 
 @dataclass(frozen=True)
-class Decided:
-    """The one distribution that answers, their widths, the heat map and the confidence come from.
+class PairDistribution:
+    """The distribution over the target that answers, σ, heat map and confidence are computed from.
 
     Attributes:
         source, target: The views as they are answered in.

@@ -92,20 +92,20 @@ def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
     return resized(np.asarray(ndimage.binary_fill_holes(seen)), rgb.shape[:2])
 
 
-def surest(cloth: Float32Array, other: Callable[[], Float32Array]) -> Float32Array:
-    """Return the probabilities of the network that is surer of a mask.
+def more_certain(cloth: Float32Array, other: Callable[[], Float32Array]) -> Float32Array:
+    """Return the mask probabilities of the more certain of two networks.
 
     Args:
         cloth: float32 (h, w), that a pixel shows the cloth, of a network for masks. It is not sure
             of prints and tables unlike those of its training.
         other: Computes those of another network, float32 (h', w'), where it is needed.
     """
-    if _sureness(cloth) > _DECIDED:
+    if _certainty(cloth) > _DECIDED:
         return cloth
-    return max(cloth, other(), key=_sureness)
+    return max(cloth, other(), key=_certainty)
 
 
-def _sureness(likely: Float32Array) -> float:
+def _certainty(likely: Float32Array) -> float:
     """Return how far probabilities that are not small are from one half, 0 to 1."""
     possible = likely[likely > _POSSIBLE]
     return float(np.abs(2 * possible - 1).mean()) if possible.size else 0.0

@@ -26,26 +26,26 @@ def shrinking(first: float, last: float, progress: float) -> float:
 
 
 class LossSettings(Settings):
-    """What is minimised. Pixels are those of the network's input.
+    """The training loss. Pixels are those of the network's input.
 
     Attributes:
         kind: `distributional` or `contrastive`.
         sigma_px: Distributional: width of the target's Gaussians, at the end.
         sigma_start_px: Their width at the start, 0 for `sigma_px` throughout. It shrinks
-            geometrically over the first half of the training: a wide target tells a network that
-            knows nothing yet which way to go.
+            geometrically over the first half of the training. A wide target gives useful gradients
+            at the start.
         direction: Distributional: `forward` KL(q || p) or `reverse` KL(p || q).
-        symmetric: Spread the target over the symmetry orbit (contrastive: keep partners from
-            being non-matches).
-        initial_scale: First inverse temperature.
-        learn_scale: Whether it is learned.
-        background: Distributional: pixels off the object, drawn again each step, that compete
-            in addition to all pixels on it; -1 for all pixels.
-        bin_px: Distributional: side of the bins (means of descriptors) that compete, >= 1.
-        chunk: Queries at a time (memory for time); 0 for all.
-        margin: Contrastive: M.
-        non_matches: Contrastive: pixels a query, half on the object.
-        guard_px: Contrastive: no non-match is this near to a match.
+        symmetric: Spread the target over all symmetric positions (contrastive: exclude them from
+            the non-matches).
+        initial_scale: Initial inverse temperature.
+        learn_scale: Learn the inverse temperature.
+        background: Distributional: number of background pixels, sampled in each step, that are
+            candidates in addition to all pixels of the object; -1 for all pixels.
+        bin_px: Distributional: side of the bins (means of descriptors) that are candidates, >= 1.
+        chunk: Number of queries that are compared at a time, to save memory; 0 for all.
+        margin: Contrastive: margin M.
+        non_matches: Contrastive: non-matches per query, half of them on the object.
+        guard_px: Contrastive: minimum distance between a non-match and a match.
         squared: Contrastive: distances of matches and hinges are squared.
         hard_scaling: Contrastive: divide by the non-matches inside the margin.
         space_weight: Weight of the Lipschitz condition in space, 0 for none.
@@ -62,8 +62,8 @@ class LossSettings(Settings):
         stretch_weight: Weight of the loss of how the canonical head's map stretches the material;
             it needs `canonical_weight`.
         stretch_reach_m: Largest distance on the material of two points that are compared, metres.
-        foreground_weight: Weight of the masks that the network predicts, 0 for none: what it
-            works with where no mask is given.
+        foreground_weight: Weight of the loss of the predicted masks, which are used where no mask
+            is given; 0 for none.
     """
 
     kind: Literal["distributional", "contrastive"] = "distributional"
@@ -113,13 +113,13 @@ class LossSettings(Settings):
 
 
 class PairValidationSettings(ValidationSettings):
-    """How a run of Dense Object Nets is watched.
+    """Validation during a run of Dense Object Nets.
 
     Attributes:
-        split: Split to validate on; its truth is also what the answers are calibrated with.
-        pairs: Image pairs.
-        queries: Queries a pair.
-        calibration_pairs: Image pairs to calibrate on, at the end.
+        split: Split for validation and for the calibration.
+        pairs: Number of image pairs.
+        queries: Queries per pair.
+        calibration_pairs: Number of image pairs for the calibration at the end.
     """
 
     pairs: Count = 32
@@ -128,35 +128,36 @@ class PairValidationSettings(ValidationSettings):
 
 
 class AnswerSettings(Settings):
-    """How a trained network answers.
+    """Inference with a trained network.
 
     Attributes:
         decode: `argmax` (refined to a fraction of a pixel), `median` (the pixel with the least
-            expected distance, refined; the default) or `soft` (the mean: lowest squared error
-            where the network doubts, but off the object then). `trace` is for ropes: `median` after
-            the traces of both masks have been weighed in (`models/don/tracing.py`).
-        margin_px: Pixels of the network beyond the mask that are searched too.
-        search: In the object's `mask` where one is given out, or anywhere in the `image`.
-        rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
-        mirrored: Mirrored copies of both images vote too, with half the weight of the others: a
-            blank cloth in a mirror looks like the same cloth turned over.
-        rectify: Answer in views from straight above (`baselines/tracing/rectification.py`): with
-            `trace` where the widths of a rope's mask show that the camera was tilted, else where
-            the network is surer of what it sees then.
-        fill: A picture in which the object's box takes less than the first share of the frame's
-            width or height, whichever is more, is answered in a part of it in which it takes the
-            second: what training shows at least, with its augmentation, and in the middle.
-        blank_square: Whether the object is a blank square, whose sides look alike. `upright`: how
-            it is placed in the picture says which side is which, unless it is turned by more than
-            training shows. `any`: nothing does. An answer then has the four places as modes. With
-            either, a turned cloth is set upright first, where the network is surer of it then.
+            expected distance, refined; the default) or `soft` (the mean, which has the lowest
+            squared error but may be off the object). `trace` is for ropes: `median` after the
+            traced paths of both masks are combined with p (`models/don/tracing.py`).
+        margin_px: Margin around the mask that is searched too, network pixels.
+        search: Search the object's `mask` where one is given, or the whole `image`.
+        rotations: Number of copies of both images, rotated by quarter turns, that are averaged: 1,
+            2 or 4.
+        mirrored: Average mirrored copies of both images too, with half the weight of the others: a
+            mirrored blank cloth looks like the same cloth turned over.
+        rectify: Answer in views from straight above (`baselines/tracing/rectification.py`). With
+            `trace`, if the widths of a rope's mask show that the camera was tilted; otherwise, if
+            the network is more confident in that view.
+        fill: If the object's box takes less than the first share of the frame's width or height,
+            whichever is more, the picture is cropped so that it takes the second share.
+        blank_square: Whether the object is a blank square, whose sides look alike. `upright`: its
+            orientation in the picture distinguishes the sides, unless it is rotated by more than
+            in the training data. `any`: nothing distinguishes them, and an answer has the four
+            positions as modes. With either, a rotated cloth is first set upright, if the network
+            is then more confident.
         one_side: Answer all points of a cloth on the side that most of the pair agrees on, see
             `models/don/sides.py`.
-        plain_table: Show the network the object on a table without pattern: outside of the mask the
-            picture has its mean colour nearby. For cloths; answers on ropes become no better.
-        crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
+        plain_table: Replace the picture outside of the mask by the local mean colour of the table.
+            For cloths; it does not improve answers on ropes.
+        crossings: With `trace`: decide which strand is on top where a rope crosses itself, with a
             small network trained at the end of the run (`models/don/crossing_training.py`).
-        distribution: `modes` or `none`: what the answers say of their certainty.
+        distribution: Distribution in the answers: `modes` or `none`.
     """
 
     decode: Literal["argmax", "median", "soft", "trace"] = "median"
@@ -193,14 +194,14 @@ class DonSettings(RunSettings):
     """A whole run of Dense Object Nets.
 
     Attributes:
-        pairs: What a sample holds.
-        augment: What happens to training frames.
+        pairs: Training samples.
+        augment: Data augmentation.
         network: The network.
         loss: The loss.
-        validation: How the run is watched.
-        answer: How the result answers.
-        also: Further data to train on, `DATA#TIER` each; either part may be left out and is then
-            that of the run. Pairs are of one dataset and tier.
+        validation: Validation during the run.
+        answer: Inference.
+        also: Further training data, `DATA#TIER` each; either part may be omitted and is then
+            that of the run. The frames of a pair are of one dataset and tier.
     """
 
     pairs: PairSettings = PairSettings()

@@ -6,7 +6,7 @@ source, whatever is asked, is mapped to the target by the one smooth map that mo
 with: an affine map found by consensus (RANSAC, Fischler and Bolles 1981), then affine maps that
 change from place to place, fitted to the modes near them by expectation maximisation. A query's p
 is weighed by the distance to where that map takes it. Where nearly all of p is near the map, the
-network is not torn between sides, and nothing is weighed.
+network has decided on one side, and p is not changed.
 
 Lengths are in pixels of a network 240 pixels wide, in proportion for others. They were chosen on
 60 validation pairs each of `cloth-1`, `cloth-2` and `cloth-3`.

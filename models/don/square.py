@@ -36,7 +36,7 @@ _MOST_FILL: Final = 0.86
 """Share of the frame's width or height that the generator's objects take at most by default."""
 
 
-def upright_turn(seen: Reframed, shown: Mask, sureness: Callable[[Frame], float]) -> float:
+def upright_turn(seen: Reframed, shown: Mask, confidence: Callable[[Frame], float]) -> float:
     """Return by which angle a view is turned so that a cloth is upright, 0 where it stays.
 
     The edges of a flat cloth say how it is turned; those of a scrunched one may be folds, so that
@@ -45,7 +45,7 @@ def upright_turn(seen: Reframed, shown: Mask, sureness: Callable[[Frame], float]
     Args:
         seen: The view.
         shown: bool (h, w), where it shows the cloth, at any resolution.
-        sureness: How sure the network is of what a view shows; see `ViewDescriber`.
+        confidence: How sure the network is of what a view shows; see `ViewDescriber`.
 
     Returns:
         Radians, from right to down.
@@ -54,11 +54,11 @@ def upright_turn(seen: Reframed, shown: Mask, sureness: Callable[[Frame], float]
     if not shown.any() or (angle_rad is not None and abs(angle_rad) < _UPRIGHT_RAD):
         return 0.0
     turns, least_gain = (_TRIED_RAD, _LEAST_GAIN) if angle_rad is None else ((-angle_rad,), 0.0)
-    sure = np.array([sureness(turned(seen, turn, shown).view) for turn in turns])
+    sure = np.array([confidence(turned(seen, turn, shown).view) for turn in turns])
     best = int(sure.argmax())
     if len(turns) > 1 and np.ptp(sure) < _ALIKE:
-        best = int(np.argmax([sureness(turned(seen, turn / 2, shown).view) for turn in turns]))
-    return turns[best] if sure[best] - sureness(seen.view) >= least_gain else 0.0
+        best = int(np.argmax([confidence(turned(seen, turn / 2, shown).view) for turn in turns]))
+    return turns[best] if sure[best] - confidence(seen.view) >= least_gain else 0.0
 
 
 def turned(seen: Reframed, angle_rad: float, shown: Mask) -> Reframed:

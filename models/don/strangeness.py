@@ -1,9 +1,9 @@
-"""Statistics of a query that are larger the less the answer can be trusted.
+"""Statistics of a query for the detection of out-of-distribution input; large values are unusual.
 
-What decides is what the answer comes from. A network that answers by descriptors alone is out of
-its depth where they are unlike those of the training split. An answer that traces carry is wrong
-where the mask is not that of one rope, where no reading covers it, and where readings that are as
-good carry the query elsewhere; what the rope looks like hardly matters.
+They depend on how the answer is computed. A network that answers by descriptors alone is unreliable
+where they differ from those of the training split. An answer from traces is unreliable if the mask
+is not that of one rope, if no reading covers it, or if equally good readings map the query to
+another position; the appearance of the rope hardly matters.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def traced_statistics(
 
 
 @dataclass(frozen=True)
-class Asked:
+class QueryDescriptors:
     """Some queries between two pictures.
 
     Attributes:
@@ -81,7 +81,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class UsualDescriptors:
+class DescriptorStatistics:
     """The descriptors of objects in the validation split.
 
     Attributes:
@@ -97,7 +97,7 @@ class UsualDescriptors:
     STATISTICS: ClassVar = ("query", "distance", "source", "target", "share")
 
     @classmethod
-    def of(cls, validation: Sequence[Asked]) -> UsualDescriptors:
+    def of(cls, validation: Sequence[QueryDescriptors]) -> DescriptorStatistics:
         """Return those of queries of pairs of the validation split, with masks where there are."""
         pictures = [picture for asked in validation for picture in (asked.source, asked.target)]
         sampled = []
@@ -114,7 +114,7 @@ class UsualDescriptors:
             log_share=float(np.median(np.log(np.maximum(shares, 1e-6)))) if shares else 0.0,
         )
 
-    def statistics(self, asked: Asked) -> FloatArray:
+    def statistics(self, asked: QueryDescriptors) -> FloatArray:
         """Return float64 (N, 5), NaN where it cannot be known.
 
         They are the squared Mahalanobis distance of the query's descriptor, the logarithm of the
@@ -147,7 +147,7 @@ class UsualDescriptors:
         }
 
     @classmethod
-    def from_document(cls, document: Any) -> UsualDescriptors:
+    def from_document(cls, document: Any) -> DescriptorStatistics:
         """Read what `as_document` returned.
 
         Raises:

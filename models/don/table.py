@@ -20,7 +20,7 @@ _TABLE_PX: Final = 12.0  # standard deviation of the Gaussian of `log_ratio_to_t
 _TABLE_SHARE: Final = 0.15  # that of `on_plain_table`, as a share of the picture's width
 _LEAST_TABLE: Final = 1e-4  # weight of the whole table's mean
 _DARK: Final = 0.002  # added to linear light, so that black has a logarithm
-_LIGHT: Final = 0.5  # weight of the light of `SeenTable`; the tint's is 1
+_LIGHT: Final = 0.5  # weight of the light of `VisibleTable`; the tint's is 1
 _SPREADS: Final = 3.0
 _LEAST, _MOST = 0.1, 0.4  # distance of colours of one table
 
@@ -65,7 +65,7 @@ def _split(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True)
-class SeenTable:
+class VisibleTable:
     """Where a picture shows the table, whose colour is that of most of the picture.
 
     Attributes:

@@ -169,16 +169,16 @@ class TracedPlaces:
         uv_px: float64 (K, N, 2), in pixels of the target.
         weight: float64 (K,), sums to 1.
         sigma_px: Standard deviation of a place.
-        other_way_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
+        reversed_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
             other way; None where a ball distinguishes its ends.
     """
 
     uv_px: FloatArray
     weight: FloatArray
     sigma_px: float
-    other_way_px: FloatArray | None = None
+    reversed_px: FloatArray | None = None
 
-    def weighed_in(self, log_p: torch.Tensor, candidates_px: FloatArray) -> torch.Tensor:
+    def weighted_log_p(self, log_p: torch.Tensor, candidates_px: FloatArray) -> torch.Tensor:
         """Return log p' of the module's formula along `uv_px`, float32 (N, M), normalised.
 
         Args:
@@ -194,13 +194,13 @@ class TracedPlaces:
         """Return log p' of both ways along the rope, float32 (N, M), normalised.
 
         Args:
-            weighed: float32 (N, M), from `weighed_in`; what comes back where it is the only way.
+            weighed: float32 (N, M), from `weighted_log_p`; returned if there is one direction.
             log_p: float (N, M), the network's.
             candidates_px: float64 (M, 2), in pixels of the target.
         """
-        if self.other_way_px is None:
+        if self.reversed_px is None:
             return weighed
-        other = replace(self, uv_px=self.other_way_px).weighed_in(log_p, candidates_px)
+        other = replace(self, uv_px=self.reversed_px).weighted_log_p(log_p, candidates_px)
         return torch.logaddexp(weighed, other) - np.log(2)
 
     def _density(self, candidates_px: FloatArray) -> Float32Array:

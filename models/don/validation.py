@@ -1,4 +1,4 @@
-"""Watching a run: the matcher's errors on pairs of unseen frames, by the evaluator's metrics."""
+"""Validation during a run: the matcher's errors on held-out pairs, by the evaluator's metrics."""
 
 from __future__ import annotations
 

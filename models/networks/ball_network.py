@@ -21,7 +21,11 @@ _USUAL_RADIUS: Final = 3.0  # of a ball, in half widths of the rope
 
 
 def ball_patches(
-    picture: Float32Array, objects: Mask, place_px: FloatArray, ways: FloatArray, half_px: float
+    picture: Float32Array,
+    objects: Mask,
+    place_px: FloatArray,
+    directions: FloatArray,
+    half_px: float,
 ) -> torch.Tensor:
     """Sample the surroundings of places where a ball may be.
 
@@ -29,14 +33,14 @@ def ball_patches(
         picture: float32 (H, W, 3), colours from 0 to 1.
         objects: bool (H, W), where the rope or its ball is seen.
         place_px: float64 (N, 2).
-        ways: float64 (N, 2), unit vectors out of the rope.
+        directions: float64 (N, 2), unit vectors out of the rope.
         half_px: Half the rope's width.
 
     Returns:
         float32 (N, 4, PATCH, PATCH): colours, and 1 where the mask is set.
     """
     planes = np.concatenate([picture, objects[..., None].astype(np.float32)], axis=2)
-    return patches(planes, place_px, ways, np.full(len(place_px), REACH * half_px))
+    return patches(planes, place_px, directions, np.full(len(place_px), REACH * half_px))
 
 
 class BallNetwork(nn.Module):

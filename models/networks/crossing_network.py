@@ -27,7 +27,7 @@ _FARTHEST: Final = 3.0  # distances beyond it, in half widths, look alike
 def crossing_planes(
     picture: Float32Array,
     place_px: FloatArray,
-    ways: FloatArray,
+    directions: FloatArray,
     lines_px: FloatArray,
     half_px: float,
 ) -> torch.Tensor:
@@ -36,15 +36,15 @@ def crossing_planes(
     Args:
         picture: float32 (H, W, 3), colours from 0 to 1.
         place_px: float64 (N, 2), the crossings.
-        ways: float64 (N, 2), unit vectors along the first strand.
+        directions: float64 (N, 2), unit vectors along the first strand.
         lines_px: float64 (N, 2, L, 2), the middles of both strands around the crossing.
         half_px: Half the rope's width.
 
     Returns:
         float32 (N, 5, SIDE, SIDE): colours, and the distances to either middle in half widths.
     """
-    seen = patches(picture, place_px, ways, np.full(len(place_px), REACH * half_px), SIDE)
-    axes = np.stack([ways, np.stack([-ways[:, 1], ways[:, 0]], axis=1)], axis=1)
+    seen = patches(picture, place_px, directions, np.full(len(place_px), REACH * half_px), SIDE)
+    axes = np.stack([directions, np.stack([-directions[:, 1], directions[:, 0]], axis=1)], axis=1)
     turned = np.einsum("nij,nklj->nkli", axes, (lines_px - place_px[:, None, None]) / half_px)
     along = steps(REACH, SIDE)
     grid = torch.from_numpy(np.stack(np.meshgrid(along, along), axis=-1)).float()

@@ -30,7 +30,7 @@ def steps(reach: float, side: int = PATCH) -> FloatArray:
 def patches(
     image: Float32Array,
     place_px: FloatArray,
-    ways: FloatArray,
+    directions: FloatArray,
     reach_px: FloatArray,
     side: int = PATCH,
 ) -> torch.Tensor:
@@ -39,7 +39,7 @@ def patches(
     Args:
         image: float32 (H, W, C).
         place_px: float64 (N, 2), their middles.
-        ways: float64 (N, 2), unit vectors along their x axes.
+        directions: float64 (N, 2), unit vectors along their x axes.
         reach_px: float64 (N,), half their sides.
         side: Their pixels along each side.
 
@@ -47,11 +47,11 @@ def patches(
         float32 (N, C, side, side).
     """
     along = steps(1.0, side)
-    across = np.stack([-ways[:, 1], ways[:, 0]], axis=-1)
+    across = np.stack([-directions[:, 1], directions[:, 0]], axis=-1)
     unit = reach_px[:, None, None, None]
     grid = (
         place_px[:, None, None]
-        + unit * ways[:, None, None] * along[None, None, :, None]
+        + unit * directions[:, None, None] * along[None, None, :, None]
         + unit * across[:, None, None] * along[None, :, None, None]
     )  # (N, rows, columns, 2)
     height, width, channels = image.shape

@@ -1,4 +1,4 @@
-"""Affinities: how strongly each cell of a patch believes in each cell of a frame."""
+"""Affinities between the cells of a patch and those of a frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guard: is what the cycle learned better than answers that look at nothing?
+"""Compares a run with answers that do not use the image.
 
 A network can satisfy a cycle without following anything: by staying where it is (identity) or
 by always answering the middle of the object (centroid). An untrained encoder tells what the

@@ -1,6 +1,6 @@
 """Where a patch is in a frame: centre and angle, its cells, and what is under them.
 
-Positions are in cells, with the centre of the top-left cell at (0.5, 0.5): the house's pixel
+Positions are in cells, with the centre of the top-left cell at (0.5, 0.5): Pliant's pixel
 convention, divided by the stride. A placement is (x, y, angle); a positive angle turns u
 towards v (clockwise on the screen). The scale is fixed: a cell stays a cell.
 """

@@ -17,13 +17,13 @@ Stride = Literal[2, 4, 8]
 
 
 class ClipSettings(Settings):
-    """What a training clip is.
+    """Training clips.
 
     Attributes:
         length: Frames T of a clip; cycles go 1 to T - 1 frames back.
         step: Episode frames from one clip frame to the next, at least.
         step_max: At most; drawn for each clip.
-        patches: Patches a clip.
+        patches: Patches per clip.
         patch: Side of a patch as a share of the frame's shorter side.
         choose: Where patches come from: the object's `mask` (truth), or what moves (`motion`).
         turn_deg: A patch is turned by up to this much before it is sought.
@@ -61,11 +61,11 @@ class ClipSettings(Settings):
 
 
 class CycleLossSettings(Settings):
-    """What is minimised. Each part has its own name in the log.
+    """The training loss. Each part has its own name in the log.
 
     Attributes:
-        temperature: Of the affinity's softmax; 0 takes the paper's D^-0.5.
-        similarity: Weight of -<patch, what was found>.
+        temperature: Temperature of the affinity's softmax; 0 for the paper's D^-0.5.
+        similarity: Weight of the negative similarity of a patch and its match.
         skip: Weight of cycles to a frame and straight back.
         long: Weight of cycles through every frame between.
         self_cycle: Weight of finding a changed patch in its own frame.
@@ -84,11 +84,12 @@ class CycleLossSettings(Settings):
 
 
 class WalkSettings(Settings):
-    """The contrastive walk home to a warped copy, see `models/timecycle/walk.py`.
+    """The contrastive walk back to a warped copy, see `models/timecycle/walk.py`.
 
     Attributes:
         weight: Weight of its two losses; 0 leaves them out.
-        walks: Walks a clip, at most; through four times as many pixels of the other frame.
+        walks: Maximum number of walks per clip; they use four times as many pixels of the other
+            frame.
         sigma_px: Standard deviation of the target, network pixels.
         turn_deg: Copies are turned by up to this much either way.
         scale: Their relative size is log-uniform within 1/(1 + scale) to 1 + scale.
@@ -108,20 +109,20 @@ class WalkSettings(Settings):
 
 
 class PropagationSettings(Settings):
-    """How points are carried through frames.
+    """Propagation of points through frames.
 
     Attributes:
         stride: Pixels along a side of a cell.
-        temperature: Of the softmax over the cells that compete; 0 takes the training one.
-        top_k: So many best cells compete (times refine squared finer ones).
+        temperature: Temperature of the softmax over candidate cells; 0 for that of the training.
+        top_k: Number of most similar cells that are candidates (times refine squared).
         context: Earlier frames that show the point's appearance, in addition to the first.
         first_weight: Weight of the first frame among them, 0 to 1.
         radius: Cells this far from the last place may be the next one, a share of the frame's
             longer side; 0 for all.
         prior: Standard deviation, cells, of a Gaussian about the last place that weighs the
             cells; 0 for none.
-        smooth: Points move with those around them: the standard deviation, cells, of the Gaussian
-            that weighs neighbours by their distance; 0 for none. Needs the object's mask.
+        smooth: Smooth the motion over neighbouring points: standard deviation, cells, of the
+            Gaussian that weights neighbours by distance; 0 for none. Needs the object's mask.
         refine: Descriptors are interpolated this many times finer before they are compared.
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
         chosen: At the end of the training, choose `prior`, `temperature` and `first_weight` on the

@@ -1,4 +1,4 @@
-"""Watching a run: how far tracked points stray, and whether that beats the trivial answers."""
+"""Validation during a run: tracking errors, compared with the trivial answers."""
 
 from __future__ import annotations
 

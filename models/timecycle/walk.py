@@ -1,4 +1,4 @@
-"""The contrastive walk: from a copy of a frame to another frame, and home to another copy.
+"""The contrastive walk: from a copy of a frame to another frame, and back to another copy.
 
 Source: Shrivastava and Owens, Self-Supervised Any-Point Tracking by Contrastive Random Walks
 (arXiv 2409.16288), after Jabri, Owens and Efros (2020). A pixel x of a copy A walks to the pixels
@@ -8,7 +8,7 @@ m of another frame of its clip, and home to the pixels y of a copy B of its own 
 
 over all pixels of the object (global matching). The loss is the cross entropy with a Gaussian about
 the place where B shows the pixel of x (label warping): each copy is turned, scaled and bent in its
-own way, so a network that knows the place in the picture alone does not come home. A walk from A to
+own way, so a network that encodes only the image position does not return. A walk from A to
 B at once counts likewise. Whole frames are described, so descriptors may say where on the object a
 pixel is, which a patch that was cut out of its frame cannot.
 """

@@ -273,7 +273,7 @@ class Cloth:
         vertices, pierced = render_vertices(self.settings, self._handling.simulator.positions)
         if pierced:
             raise GenerationError(
-                "the cloth pokes through itself",
+                "the cloth intersects itself",
                 found=f"{pierced} edges",
                 fix="Move it by less at a time, or drape it farther from itself.",
             )

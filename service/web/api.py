@@ -125,7 +125,7 @@ def version_of(session: Session, site: Site, phase: str | None, number: int | No
     return found
 
 
-class AskedBoard(NamedTuple):
+class RequestedBoard(NamedTuple):
     """The leaderboard that a request asks for."""
 
     board: Board
@@ -133,12 +133,12 @@ class AskedBoard(NamedTuple):
     show: str
 
 
-def asked_board(
+def requested_board(
     site: TheSite,
     phase: str | None = None,
     version: MaybeNumber = None,
     show: Show | None = None,
-) -> AskedBoard:
+) -> RequestedBoard:
     """Return a leaderboard, computed once until something happens.
 
     Without `show` it is as the phase's rules say.
@@ -148,10 +148,10 @@ def asked_board(
         shown = show or site.challenge.settings.phase(found.phase).show
         key = f"{found.id} {shown}"
         board = site.cached(session, key, lambda: leaderboard(session, found, shown))
-        return AskedBoard(board, found, shown)
+        return RequestedBoard(board, found, shown)
 
 
-TheBoard = Annotated[AskedBoard, Depends(asked_board)]
+TheBoard = Annotated[RequestedBoard, Depends(requested_board)]
 
 
 @router.get("/challenge")

@@ -22,7 +22,7 @@ from pliant.service.challenge import Challenge
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Observation
-from pliant.service.web.security import Protection, maybe_who
+from pliant.service.web.security import Protection, optional_identity
 from pliant.service.web.state import Site, static_file
 from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import CallError, PliantError
@@ -108,7 +108,7 @@ def _add_errors(app: FastAPI, site: Site) -> None:
             return JSONResponse({"code": code, "message": message}, status, headers)
         if status == 404 and not hasattr(request.state, "who"):  # no route asked who it is
             with suppress(SQLAlchemyError):
-                maybe_who(request)
+                optional_identity(request)
         who = getattr(request.state, "who", None)
         page = site.render(
             "error.html.j2", code=code, message=message, status=status, who=who, plain=False

@@ -1,4 +1,4 @@
-"""Who makes a request, and what a browser may do with a page."""
+"""Authentication of requests, and the security headers of pages."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ def token_identity(request: Request, token: str) -> Identity:
     return who
 
 
-def maybe_who(
+def optional_identity(
     request: Request,
     bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)] = None,
 ) -> Identity | None:
-    """Return who makes a request, by token or by cookie; None for a visitor.
+    """Return the identity of a request, from its token or cookie; None for a visitor.
 
-    It is kept as `request.state.who` for a page that says what is wrong.
+    It is stored as `request.state.who` for error pages.
     """
     cookie, who = request.cookies.get(COOKIE), None
     if bearer is not None:
@@ -72,7 +72,7 @@ def maybe_who(
     return who
 
 
-Visitor = Annotated[Identity | None, Depends(maybe_who)]
+Visitor = Annotated[Identity | None, Depends(optional_identity)]
 
 
 def signed_in(who: Visitor) -> Identity:

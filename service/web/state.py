@@ -1,4 +1,4 @@
-"""What all requests share: the challenge, its templates, headers and caches."""
+"""State shared by all requests: the challenge, its templates, headers and caches."""
 
 from __future__ import annotations
 

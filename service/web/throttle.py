@@ -1,4 +1,4 @@
-"""How often a client may fail before it has to wait."""
+"""Rate limit of failed sign-in attempts."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from pliant.service.submissions import (
     Upload,
     accept,
     check_allowed,
-    may_be_known,
+    has_file_of_size,
     sent_before,
 )
 from pliant.service.teams import Identity
@@ -97,7 +97,7 @@ def _refusal(
         try:
             check_allowed(session, site.challenge.settings, phase, who, check_only=check_only)
         except NotAcceptedError as error:
-            if error.code == "TOO_MANY_REQUESTS" or not may_be_known(session, phase, who, size):
+            if error.code == "TOO_MANY_REQUESTS" or not has_file_of_size(session, phase, who, size):
                 raise
             return error
     return None

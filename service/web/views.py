@@ -1,4 +1,4 @@
-"""What a visitor may see of submissions and leaderboards, as typed documents."""
+"""The visible part of submissions and leaderboards, as typed documents."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def find_submission(
 def submission_view(
     session: Session, submission: Submission, who: Identity | None
 ) -> SubmissionView:
-    """Return what somebody may see of a submission."""
+    """Return the visible part of a submission."""
     problems = submission.problems or {}
     scored = (
         select(Score, Version)

@@ -1,6 +1,6 @@
-"""What a Parquet file announces of its column chunks, read from its footer in plain Python.
+"""Reads the column-chunk metadata of a Parquet footer in plain Python.
 
-pyarrow can tell the same (`metadata.row_group(i).column(j)`), but where a footer contradicts
+pyarrow can read the same (`metadata.row_group(i).column(j)`), but where a footer contradicts
 itself that call ends the whole process with an uncaught C++ exception, so it must not see a file
 that nobody has vouched for. The footer is Thrift's compact protocol; only the few fields needed
 are kept, the rest is skipped.

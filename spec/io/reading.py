@@ -18,7 +18,7 @@ from pliant.spec.errors import SpecError
 
 @dataclass(frozen=True)
 class Blob:
-    """A file whose bytes are at hand already: a member of a shard, or one fetched over the network.
+    """A file whose bytes are in memory: a member of a shard, or one fetched over the network.
 
     Every reader of this package takes one where it takes a path.
 

@@ -1,4 +1,4 @@
-"""What ties a published dataset together: `SHA256SUMS` of every file, `manifest.json` of the two.
+"""Checksums of a published dataset: `SHA256SUMS`, and `manifest.json`, which links both halves.
 
 `SHA256SUMS` is what `sha256sum -c` reads, a line a file, sorted by path. `manifest.json` names the
 checksum of that list, and that of the other half's list. So each half proves itself whole, and

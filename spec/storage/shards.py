@@ -119,7 +119,7 @@ class Shards:
         self._groups, self._writer, self._stream = [], None, None
 
     def abandon(self) -> None:
-        """Close a file that nobody will want."""
+        """Close a file that will not be used."""
         if self._stream is not None:
             self._stream.close()
 

@@ -1,4 +1,4 @@
-"""What methods are shown: damaged masks, blank pictures, no masks."""
+"""Changed inputs of methods: damaged masks, blank pictures, no masks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines.conditions import BLANK_VALUE, blank, segmented, shown
+from pliant.baselines.conditions import BLANK_VALUE, blank, segmented, with_inputs
 from pliant.baselines.controls import Identity
 from pliant.baselines.matcher import KeypointMatcher, TrackMatcher
 from pliant.spec.answers import Answers
@@ -76,7 +76,7 @@ def test_damage_belongs_to_the_frame() -> None:
 
 
 class Recorder(Identity):
-    """Remembers the frames it is shown."""
+    """Remembers the frames that it is given."""
 
     def __init__(self) -> None:
         self.seen: list[Frame] = []
@@ -100,8 +100,8 @@ class Keypoints(Recorder):
 def test_a_method_is_shown_its_condition() -> None:
     pair = Pair(bar("s/1"), bar("s/2"), np.zeros((1, 2), np.float32))
     inner = Recorder()
-    assert shown(inner, "given") is inner
-    method = shown(inner, "segmenter", is_blank=True)
+    assert with_inputs(inner, "given") is inner
+    method = with_inputs(inner, "segmenter", is_blank=True)
     method.answer(pair)
     assert method.describe()["mask_quality"] == "segmenter"
     assert method.describe()["picture"] == "blank"
@@ -112,10 +112,10 @@ def test_a_method_is_shown_its_condition() -> None:
     assert not isinstance(method, KeypointMatcher)
     assert not isinstance(method, TrackMatcher)
     tracker, keypoints = Tracker(), Keypoints()
-    following = shown(tracker, "none")
+    following = with_inputs(tracker, "none")
     assert isinstance(following, TrackMatcher)
     list(following.track([pair.source], pair.uv_a_px))
-    own = shown(keypoints, "none")
+    own = with_inputs(keypoints, "none")
     assert isinstance(own, KeypointMatcher)
     own.match(pair.source, pair.target)
     assert all(frame.mask is None for frame in (*tracker.seen, *keypoints.seen))

@@ -275,7 +275,7 @@ def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyP
     with pytest.raises(RuntimeError, match="was not started"):
         surfaces._look_up_in_process(blocks[0])
     rest = iter(blocks)
-    ahead = surfaces.looked_up_ahead(rest, stand_in, made.queries, 2)
+    ahead = surfaces.prefetched(rest, stand_in, made.queries, 2)
     assert next(ahead) is blocks[0]
     assert next(rest) is blocks[5]
     assert list(ahead) == [*blocks[1:5], blocks[6]]

@@ -167,7 +167,7 @@ def test_a_job_that_waits_with_all_its_tries_fails_and_lets_others_pass(trial: T
     limits = trial.challenge.settings.scoring
     lease = lease_next(trial.challenge.database, "gone", limits)
     assert lease is not None
-    queue.give_back(trial.challenge.database, lease, "a crash", later=False)
+    queue.release_job(trial.challenge.database, lease, "a crash", later=False)
     assert lease_next(trial.challenge.database, "next", limits.replace(tries=1)) is None
     assert state_of(trial, first).state == State.FAILED
     trial.work()

@@ -239,7 +239,7 @@ def test_queries_off_the_picture_or_the_object_are_refused() -> None:
     [
         ("figure.bmp", r"ending is unknown.*\.png"),
         ("a folder/figure.png", "output folder does not exist.*mkdir -p '[^']*a folder'$"),
-        ("folder.png", "a folder stands"),
+        ("folder.png", "is a folder, not a file"),
     ],
 )
 def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_photo(tmp_path / "plain.png", 6), areas, atol=0.5)
 
 
-@pytest.mark.parametrize(("dtype", "said"), [("f4", "a floating point"), ("i4", "exceed 16 bits")])
+@pytest.mark.parametrize(("dtype", "said"), [("f4", "floating-point"), ("i4", "exceed 16 bits")])
 def test_numbers_that_no_picture_has_are_refused(dtype: str, said: str, tmp_path: Path) -> None:
     values = np.linspace(0, 1 if dtype == "f4" else 70000, 54).reshape(6, 9).astype(dtype)
     Image.fromarray(values).save(tmp_path / "values.tif")
@@ -61,7 +61,7 @@ def test_masks(tmp_path: Path) -> None:
     with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
         read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
     assert refused.value.exit_code == 1  # the data is wrong, not the call
-    for lowest, highest, said in ((0, 0, "black everywhere"), (90, 255, "black nowhere")):
+    for lowest, highest, said in ((0, 0, "black everywhere"), (90, 255, "no black pixel")):
         drawn[:] = lowest
         drawn[2:4, 3] = highest
         Image.fromarray(drawn).save(tmp_path / "refused.png")
@@ -79,7 +79,7 @@ def test_a_mask_without_black_is_of_one_value(dtype: Any, tmp_path: Path) -> Non
         assert read_mask(path, (9, 6)).all()
     drawn[2:4, 3] = 2
     Image.fromarray(drawn).save(path)
-    with pytest.raises(PliantError, match="black nowhere"):
+    with pytest.raises(PliantError, match="no black pixel"):
         read_mask(path, (9, 6))
 
 

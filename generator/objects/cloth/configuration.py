@@ -92,7 +92,7 @@ def _try_configuration(
     placement = Placement.centred(positions, yaw_rad)
     vertices, pierced = render_vertices(settings, placement.apply(positions))
     if pierced:
-        return "pokes through itself"
+        return "intersects itself"
     faces = grid_faces(settings.render_grid)
     if underside is not None and shows_underside(vertices, faces) != underside:
         return "the other side is up"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing import Nadir, Overlap, RopeTracer, SeenStrand, Trace, completed
+from pliant.baselines.tracing import Nadir, Overlap, RopeTracer, Trace, VisibleStrand, completed
 from pliant.spec.frame import Frame, Pair
 from tests.baselines.tracing.test_tracing import arc_places, view_of, wave
 
@@ -71,7 +71,7 @@ def line(length_px: float, **fields: object) -> Trace:
 
 @pytest.mark.parametrize("first", [True, False])
 def test_a_cut_trace_goes_on_and_keeps_its_overlaps(first: bool) -> None:
-    seen = SeenStrand(np.zeros(2), np.array([1.0, 0.0]), 6.0, np.zeros((4, 4), np.float32))
+    seen = VisibleStrand(np.zeros(2), np.array([1.0, 0.0]), 6.0, np.zeros((4, 4), np.float32))
     overlap = Overlap(slice(20, 40), slice(160, 180), 2.0, seen)
     short = line(100.0, cut=(first, not first), overlaps=(overlap,))
     (same,), (longer,) = completed([line(200.0)], [short])

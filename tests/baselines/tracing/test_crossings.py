@@ -6,8 +6,8 @@ import pytest
 from pliant.baselines.tracing import (
     Nadir,
     Overlap,
-    SeenStrand,
     Trace,
+    VisibleStrand,
     located,
     placed,
     self_crossings,
@@ -36,7 +36,7 @@ def test_a_loop_crosses_itself_once(turned_rad: float) -> None:
     assert (found.first, found.second) == pytest.approx((0.4 / 2.8 * 300, 2.4 / 2.8 * 300), abs=1)
     np.testing.assert_allclose(found.place_px, line[43], atol=1.0)
     # The slopes at t = -1 and 1: (-2, 2) and (2, 2), a right angle.
-    assert abs(found.ways[0] @ found.ways[1]) < 0.05
+    assert abs(found.directions[0] @ found.directions[1]) < 0.05
     assert self_crossings(line, 250) == []
 
 
@@ -53,7 +53,9 @@ def test_a_place_near_both_strands_is_on_the_one_that_is_seen_there(first_on_top
     # Along the second strand: seen from 7 px ahead of the crossing on, under the first before.
     square = np.full((48, 48), 20.0, dtype=np.float32)
     square[:, 38:] = -20.0
-    seen = SeenStrand(found.place_px, found.ways[1], 12.0, square if first_on_top else -square)
+    seen = VisibleStrand(
+        found.place_px, found.directions[1], 12.0, square if first_on_top else -square
+    )
     assert seen.first_on_top == first_on_top
     parts = [slice(at - 12, at + 13) for at in (found.first, found.second)]
     known = Overlap(parts[0], parts[1], 6.0, seen)
@@ -61,7 +63,7 @@ def test_a_place_near_both_strands_is_on_the_one_that_is_seen_there(first_on_top
 
     def stations(*overlaps: Overlap) -> np.ndarray:
         # The strands cross at a right angle: the first is 6, 8.5 and 11 px away.
-        places = found.place_px + np.outer([6.0, 8.5, 11.0], found.ways[1])
+        places = found.place_px + np.outer([6.0, 8.5, 11.0], found.directions[1])
         return placed(target, located(trace(line, *overlaps), places))[:, 0]
 
     first, second = found.first, found.second

@@ -133,7 +133,7 @@ def test_a_ball_seen_from_any_candidate_is_drawn_where_it_is() -> None:
     ball = disc(60, 200, 15)
     candidates = known(BallCandidates.of(drawn(knot=False), green(ball)))
     assert len(candidates.place) == 3  # both ends, and the circle
-    for number, seen in enumerate(candidates.seen_from(ball)):
+    for number, seen in enumerate(candidates.relative_to_candidates(ball)):
         found = candidates.ball(number, *seen.tolist())
         assert (found & ball).sum() > 0.9 * (found | ball).sum()
 

@@ -13,7 +13,7 @@ import torch
 from pliant.baselines.tracing import Reframed
 from pliant.models.don import calibration as calibration_module
 from pliant.models.don.calibration import calibrate
-from pliant.models.don.certainty import Calibration, mean_doubt
+from pliant.models.don.certainty import Calibration, mean_log_sigma
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.search import Search
@@ -184,9 +184,9 @@ def test_doubt_is_the_log_of_the_spread() -> None:
     grid = pixel_grid(80, 80, 1, torch.device("cpu"))
     squared = (grid - 40).square().sum(dim=1)
     log_p = torch.stack([-squared / (2 * sigma**2) for sigma in (2, 5)]).log_softmax(dim=1)
-    assert mean_doubt(log_p, grid) == pytest.approx((np.log(2) + np.log(5)) / 2, abs=1e-3)
+    assert mean_log_sigma(log_p, grid) == pytest.approx((np.log(2) + np.log(5)) / 2, abs=1e-3)
     single = torch.where(squared == squared.min(), 0.0, -200.0)[None, :1]
-    assert np.isfinite(mean_doubt(single, grid[:1]))
+    assert np.isfinite(mean_log_sigma(single, grid[:1]))
 
 
 @pytest.mark.usefixtures("few_tried")

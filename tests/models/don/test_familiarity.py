@@ -13,7 +13,12 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import DescribedView
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.strangeness import TRACED, Asked, UsualDescriptors, traced_statistics
+from pliant.models.don.strangeness import (
+    TRACED,
+    DescriptorStatistics,
+    QueryDescriptors,
+    traced_statistics,
+)
 from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
@@ -42,9 +47,9 @@ def picture(share: float = 0.25, shift: float = 0.0, scale: float = 1.0) -> Desc
 
 def asked(
     source: DescribedView, target: DescribedView, distance: float = 1.0, shift: float = 0
-) -> Asked:
+) -> QueryDescriptors:
     query = (RNG.normal(size=(20, DIM)) * SPREAD + shift).astype(np.float32)
-    return Asked(source, target, query, RNG.gamma(3.0, distance / 3, 20))
+    return QueryDescriptors(source, target, query, RNG.gamma(3.0, distance / 3, 20))
 
 
 @pytest.fixture(autouse=True)
@@ -58,11 +63,11 @@ def draws_of_its_own() -> None:
 def fitted() -> Familiarity:
     RNG.bit_generator.state = BEGINNING
     validation = [asked(picture(), picture()) for _ in range(100)]
-    usual = UsualDescriptors.of(validation)
+    usual = DescriptorStatistics.of(validation)
     return fit_familiarity(np.concatenate(list(map(usual.statistics, validation))), usual)
 
 
-def scores(fitted: Familiarity, *queries: Asked) -> np.ndarray:
+def scores(fitted: Familiarity, *queries: QueryDescriptors) -> np.ndarray:
     return fitted.score(np.concatenate(list(map(known(fitted.descriptors).statistics, queries))))
 
 
@@ -208,7 +213,7 @@ def test_it_is_stored_whole(kind: str, request: pytest.FixtureRequest) -> None:
     np.testing.assert_array_equal(again.score(values), stored.score(values))
     assert (again.descriptors is None) == (stored.descriptors is None)
     assert len(stored.thresholds) == len(
-        TRACED if again.descriptors is None else UsualDescriptors.STATISTICS
+        TRACED if again.descriptors is None else DescriptorStatistics.STATISTICS
     )
     damaged = {**stored.as_document(), "thresholds": [[0.0]]}
     with pytest.raises(TrainingError, match="the familiarity is damaged"):

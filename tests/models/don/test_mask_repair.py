@@ -7,7 +7,7 @@ import pytest
 
 from pliant.baselines.conditions import segmented
 from pliant.baselines.tracing import MaskShape
-from pliant.models.don.mask_repair import repaired, surely_kept
+from pliant.models.don.mask_repair import is_surely_unchanged, repaired
 from pliant.models.don.segmentation import rope_masks
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
@@ -51,11 +51,13 @@ def test_only_masks_that_would_be_kept_are_kept_unseen(found: Masks) -> None:
     other = np.zeros_like(ROPE)
     other[30:50, 60:580] = True
     half = found[1] & (np.arange(ROPE.shape[1]) < ROPE.shape[1] // 2)
-    assert surely_kept(ROPE, ROPE | BALL, found[1])
-    assert not surely_kept(given, objects, found[1])  # ragged
-    assert not surely_kept(cut, cut | BALL, found[1])  # in two parts
-    assert not surely_kept(ROPE | other, ROPE | other | BALL, found[1] | other)  # two ropes
-    assert not surely_kept(ROPE, ROPE | BALL, half)  # another object, or half of it not seen
+    assert is_surely_unchanged(ROPE, ROPE | BALL, found[1])
+    assert not is_surely_unchanged(given, objects, found[1])  # ragged
+    assert not is_surely_unchanged(cut, cut | BALL, found[1])  # in two parts
+    assert not is_surely_unchanged(ROPE | other, ROPE | other | BALL, found[1] | other)  # two ropes
+    assert not is_surely_unchanged(
+        ROPE, ROPE | BALL, half
+    )  # another object, or half of it not seen
 
 
 @pytest.mark.parametrize("with_ball", [False, True])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from pliant.models.don.table import SeenTable
+from pliant.models.don.table import VisibleTable
 from pliant.spec.arrays import FloatArray, Rgb
 
 SHAPE = 240, 320
@@ -34,7 +34,7 @@ def test_a_cloth_is_not_the_table(
     rgb = pictured(table, cloth, mottled)
     objects = np.zeros(SHAPE, np.bool_)
     objects[ROPE] = True
-    seen = SeenTable(rgb, objects)
+    seen = VisibleTable(rgb, objects)
     assert seen(np.array([*PLACES.values(), (-3.0, 30.0), (40.0, 240.0)])).tolist() == [
         True,
         False,
@@ -52,7 +52,7 @@ def test_a_cloth_is_not_the_table(
 
 def test_a_picture_of_nothing_but_objects_shows_no_table() -> None:
     rgb = pictured((120, 110, 90), (120, 60, 90))
-    assert not SeenTable(rgb, np.ones(SHAPE, np.bool_))(np.array([[40.0, 30.0]])).any()
-    assert not SeenTable(np.zeros_like(rgb), np.zeros(SHAPE, np.bool_))(
+    assert not VisibleTable(rgb, np.ones(SHAPE, np.bool_))(np.array([[40.0, 30.0]])).any()
+    assert not VisibleTable(np.zeros_like(rgb), np.zeros(SHAPE, np.bool_))(
         np.array([[4.0, 3.0]])
     ).any()

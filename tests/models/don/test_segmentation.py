@@ -13,7 +13,7 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.ball import ball_in
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, rope_masks, shown, surest
+from pliant.models.don.segmentation import cloth_mask, more_certain, rope_masks, shown
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.ball_network import BALL as BALL_FILE
 from pliant.models.networks.ball_network import BallNetwork
@@ -187,12 +187,12 @@ def test_of_two_networks_the_surer_one_counts() -> None:
         return cloth(0.8)
 
     asked: list[bool] = []
-    np.testing.assert_array_equal(surest(cloth(0.95), other), cloth(0.95))
+    np.testing.assert_array_equal(more_certain(cloth(0.95), other), cloth(0.95))
     assert not asked  # its sureness is 0.93
-    np.testing.assert_array_equal(surest(cloth(0.82), other), cloth(0.82))
+    np.testing.assert_array_equal(more_certain(cloth(0.82), other), cloth(0.82))
     assert asked
-    np.testing.assert_array_equal(surest(cloth(0.7), other), cloth(0.8))
-    np.testing.assert_array_equal(surest(np.zeros((60, 80), np.float32), other), cloth(0.8))
+    np.testing.assert_array_equal(more_certain(cloth(0.7), other), cloth(0.8))
+    np.testing.assert_array_equal(more_certain(np.zeros((60, 80), np.float32), other), cloth(0.8))
 
 
 def test_the_network_decides_alone_on_a_table_as_colourful_as_the_object() -> None:

@@ -86,10 +86,10 @@ def test_a_turned_outline_decides_only_where_the_network_is_no_less_sure_of_it(
     """The edges of a scrunched cloth may point in any direction, however the cloth is turned."""
     view = square(40)
 
-    def sureness(views: ViewDescriber, seen: Frame) -> float:
+    def confidence(views: ViewDescriber, seen: Frame) -> float:
         return -2.0 + (0.0 if seen.cache_key == view.cache_key else gain)
 
-    monkeypatch.setattr(ViewDescriber, "sureness", sureness)
+    monkeypatch.setattr(ViewDescriber, "confidence", confidence)
     seen = matcher("upright").reader.seen(view)
     assert seen.turned == turned_upright
     assert (seen.homography is not None) == turned_upright
@@ -123,12 +123,12 @@ def test_turns_are_tried_where_the_outline_says_nothing(
     triangle = np.tri(*SIZE[::-1], dtype=np.bool_)
     view = Frame(square(0).rgb, triangle, key="triangle")
 
-    def sureness(seen: Frame) -> float:
+    def confidence(seen: Frame) -> float:
         if seen.cache_key == view.cache_key:
             return -2.0
         return -2.0 + gains[int(seen.cache_key.rsplit(" ", 1)[1])]
 
-    turn = upright_turn(Reframed.unchanged(view), triangle, sureness)
+    turn = upright_turn(Reframed.unchanged(view), triangle, confidence)
     assert np.degrees(turn) == pytest.approx(turn_deg)
 
 

@@ -29,7 +29,7 @@ def log_p_at(*uv: tuple[float, float]) -> torch.Tensor:
 def test_of_two_places_the_one_on_the_trace_wins() -> None:
     """A traced place between candidates of a network that cannot tell two strands apart."""
     both = log_p_at((10.5, 10.5), (30.5, 20.5))
-    weighed = places((30.0, 20.0)).weighed_in(both, GRID)
+    weighed = places((30.0, 20.0)).weighted_log_p(both, GRID)
     assert float(weighed.exp().sum()) == pytest.approx(1, abs=1e-5)
     assert np.linalg.norm(GRID[int(weighed.argmax())] - (30.5, 20.5)) < 1.5
     assert np.linalg.norm(GRID[int(both.argmax())] - (10.5, 10.5)) < 1.5
@@ -37,7 +37,7 @@ def test_of_two_places_the_one_on_the_trace_wins() -> None:
 
 def test_a_trace_far_from_a_sure_network_is_outvoted() -> None:
     sure = 40 * log_p_at((10.5, 10.5)).log_softmax(dim=1)
-    weighed = places((30.0, 20.0)).weighed_in(sure.log_softmax(dim=1), GRID)
+    weighed = places((30.0, 20.0)).weighted_log_p(sure.log_softmax(dim=1), GRID)
     assert np.linalg.norm(GRID[int(weighed.argmax())] - (10.5, 10.5)) < 1.5
 
 
@@ -74,10 +74,10 @@ def test_a_rope_with_ends_alike_has_two_answers() -> None:
     found = carried(bare, bare)
     # All readings that run one way are together, whichever end they start at.
     np.testing.assert_allclose(found.uv_px[:, 0, 0], found.uv_px[0, 0, 0], atol=0.5)
-    np.testing.assert_allclose(found.uv_px[0] + known(found.other_way_px)[0], [[80, 20]], atol=0.5)
+    np.testing.assert_allclose(found.uv_px[0] + known(found.reversed_px)[0], [[80, 20]], atol=0.5)
     candidates = np.array([[22.0, 10.0], [58.0, 10.0], [40.0, 10.0]])
     sure = torch.tensor([[0.998, 0.001, 0.001]]).log()  # the network knows of one way only
-    one_way = found.weighed_in(sure, candidates)
+    one_way = found.weighted_log_p(sure, candidates)
     p = found.either_way(one_way, sure, candidates).exp().numpy()
     np.testing.assert_allclose(p, [[0.5, 0.5, 0]], atol=0.01)
     # All answers of a pair run the same way, however sure the network is of the other one.
@@ -92,7 +92,7 @@ def test_a_ball_in_either_view_leaves_one_answer() -> None:
     ball, unknown = line_view(ends_alike=False), line_view(ends_alike=True, known=False)
     for source, target in ((ball, ball), (ball, unknown), (unknown, ball)):
         found = carried(source, target)
-        assert found.other_way_px is None
+        assert found.reversed_px is None
 
 
 def test_where_no_ball_is_known_the_descriptors_answer_and_the_other_way_is_as_likely() -> None:
@@ -100,12 +100,12 @@ def test_where_no_ball_is_known_the_descriptors_answer_and_the_other_way_is_as_l
     ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)
     source, target = replace(view, descriptors=ramp), replace(view, descriptors=ramp.flip(2))
     found = carried(source, target)
-    assert found.other_way_px is not None
+    assert found.reversed_px is not None
     way = found.weight @ found.uv_px[:, 0, 0]
     np.testing.assert_allclose([way, 80 - way], [58, 22], atol=0.5)  # the target runs the other way
     candidates = np.array([[22.0, 10.0], [58.0, 10.0], [40.0, 10.0]])
     even = torch.full((1, 3), 1 / 3).log()
-    p = found.either_way(found.weighed_in(even, candidates), even, candidates).exp().numpy()
+    p = found.either_way(found.weighted_log_p(even, candidates), even, candidates).exp().numpy()
     np.testing.assert_allclose(p, [[0.5, 0.5, 0]], atol=0.01)
 
 

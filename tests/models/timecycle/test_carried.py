@@ -52,7 +52,7 @@ def test_pairs_are_answered_as_by_the_network(tiny_episode: Path) -> None:
 
 
 def test_only_networks_with_descriptors_carry_points() -> None:
-    with pytest.raises(CallError, match="no descriptors to carry points by"):
+    with pytest.raises(CallError, match="no descriptors and cannot carry points"):
         pliant.open_method("carried:centroid")
     with pytest.raises(CallError, match="priors"):
         pliant.open_method("carried:don-rope", priors=2)
