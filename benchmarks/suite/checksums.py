@@ -1,4 +1,4 @@
-"""The frozen test questions: their checksums, and those of the sequences they are asked about."""
+"""The frozen test queries: their checksums, and those of their sequences."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ PAPER_LOSSES: Final = ("contrastive", "distributional")
 """The paper's learned methods: a row of its table each, also where none is trained here."""
 
 TEST_SPLIT: Final = "test"
-"""The split that is asked about."""
+"""The split of the queries."""
 
 
 class BenchmarkConfig(Settings):

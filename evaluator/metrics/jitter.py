@@ -38,7 +38,7 @@ class Jitter(Metric[NoSettings]):
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Join the frames of each track and sum by the later pair."""
         if not self._gathered:
-            summary.notes["jitter_px"] = "no point is asked in consecutive frames of an episode"
+            summary.notes["jitter_px"] = "no point is queried in consecutive frames of an episode"
             return
         clip, point, frame, pair, error = (
             np.concatenate(parts) for parts in zip(*self._gathered, strict=True)

@@ -43,7 +43,7 @@ class Redetection(Metric[TapvidSettings]):
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Count the tracks that have been hidden, pair by pair."""
         if not self._gathered:
-            summary.notes["aj_redetected"] = "no point is asked in an episode"
+            summary.notes["aj_redetected"] = "no point is queried in an episode"
             return
         pair, point, error, visible, predicted, right = map(
             np.concatenate, zip(*self._gathered, strict=True)
@@ -60,7 +60,7 @@ class Redetection(Metric[TapvidSettings]):
         for name in ("aj_pair", "jaccard_pair"):
             self.table.put(f"redetected_{name}", slice(None), columns[name])
         if not again.any():
-            summary.notes["aj_redetected"] = "no point is asked after it was hidden"
+            summary.notes["aj_redetected"] = "no point is queried after it was hidden"
 
 
 def hidden_before(track: IntArray, frames: IntArray, hidden: BoolArray) -> BoolArray:

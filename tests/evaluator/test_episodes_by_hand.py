@@ -129,7 +129,7 @@ def test_points_that_were_hidden_before() -> None:
     assert made.column("redetected_aj_pair") == [0.5, 0, 1, 0, 0, 0]
     never = Split(queries, answer_px, cut=2, point=point)
     notes = never.found(Redetection(TAPVID, never.context)).notes
-    assert notes["aj_redetected"] == "no point is asked after it was hidden"
+    assert notes["aj_redetected"] == "no point is queried after it was hidden"
     assert never.column("redetected_jaccard_pair") == [0] * 6
 
 
@@ -138,10 +138,10 @@ def test_points_that_were_hidden_before() -> None:
     [
         (Time, TimeSettings(frames=(1,)), "rmse_over_time", "no pair is in one episode"),
         (Jitter, NoSettings(), "jitter_px",
-         "no point is asked in consecutive frames of an episode"),
+         "no point is queried in consecutive frames of an episode"),
         (Videos, VideosSettings(tapvid=TAPVID, query_mode="first"), "videos",
          "no pair is evaluated: a video is an episode"),
-        (Redetection, TAPVID, "aj_redetected", "no point is asked in an episode"),
+        (Redetection, TAPVID, "aj_redetected", "no point is queried in an episode"),
     ],
 )  # fmt: skip
 def test_a_family_says_why_it_has_no_figure(
