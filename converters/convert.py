@@ -150,7 +150,7 @@ def convert(
         The size of all files, bytes.
 
     Raises:
-        CallError: The folder has files in it, the frame rate is not possible, or the form cannot
+        CallError: The folder has files in it, the frame rate is invalid, or the form cannot
             hold these sequences.
         MissingExtraError: A package is not installed.
         SpecError: A file of the dataset is damaged.

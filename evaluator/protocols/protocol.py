@@ -131,7 +131,7 @@ def parse_protocol(text: bytes) -> Protocol:
     """Return the protocol of a JSON text.
 
     Raises:
-        CallError: A setting is missing, unknown or not possible.
+        CallError: A setting is missing, unknown or invalid.
     """
     values = {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
     protocol = settings_from(Protocol, values)

@@ -110,9 +110,9 @@ class RopeReader:
     def _from_above(self, view: Frame) -> Reframed:
         """Return a view from straight above, as far as settings ask for it, and not too small.
 
-        A rope's widths tell the tilt. For a cloth, the network looks at the picture as it is, and
-        as a camera straight above would take it if this one were tilted by 35 degrees; the one in
-        which it is surer of the material coordinates is kept.
+        The tilt of a rope follows from its widths. For a cloth, the network gets the picture and
+        its rectification for a tilt of 35 degrees; the one in which it is more certain of the
+        material coordinates is used.
         """
         if self._settings.decode == "trace" and self._settings.rectify:
             return self._large(rectified(view))

@@ -1,9 +1,9 @@
 """Blank square cloths, whose sides look alike: upright for the network, and turned every way.
 
-A network of blank cloths learns that how a cloth is placed in the picture says which side is which.
-A cloth that is turned is set upright first: by the angle of its outline or, where that says
-nothing, by what the network is surer of. After a turn by more than training shows, nothing says
-which of the four sides was the top one, so the other quarter turns of the source are answered too.
+A network of blank cloths learns to distinguish the sides by the orientation in the picture. A
+rotated cloth is first set upright: by the angle of its outline or, if that is ambiguous, by the
+confidence of the network. After a rotation by more than in the training data, the four sides cannot
+be distinguished, so the other quarter turns of the source are answered too.
 """
 
 from __future__ import annotations

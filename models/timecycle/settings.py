@@ -178,7 +178,7 @@ class TimeCycleSettings(RunSettings):
             Object Nets are trained with; 0 for none.
         stride: Pixels along a side of a cell in training; the cells' descriptors are means.
         losses: The losses of cycles.
-        walk: The losses of walks home to warped copies.
+        walk: The losses of walks back to warped copies.
         validation: How the run is watched.
         propagation: How the result answers.
     """
