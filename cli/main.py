@@ -44,8 +44,11 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         ),
         "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
         "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
-        "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
-        "leaderboard": ("pliant.cli.leaderboard", "One page or a static site from many reports."),
+        "compare": ("pliant.cli.compare", "Compare reports by paired differences with intervals."),
+        "leaderboard": (
+            "pliant.cli.leaderboard",
+            "Write a page or a static site from many reports.",
+        ),
     },
     "Publishing": {
         "publish": (
@@ -68,7 +71,7 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
         "explore": (
             "pliant.cli.explore",
-            "Point at one picture; see truth, answers and heat maps in another.",
+            "Explore a dataset: truth, answers and heat maps of any pixel.",
         ),
         "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
         "annotate": ("pliant.cli.annotate", "Click the same points in several pictures."),
