@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any, Final
 
 import torch
@@ -105,15 +104,8 @@ class Muon(torch.optim.AdamW):
     A convolution's weights (C_out, C_in, k, k) are the matrix (C_out, C_in k k); its step is
     scaled by sqrt(max(1, rows / columns)), so that outputs change alike whatever the shape.
 
-    Args:
-        groups: Parameter groups with `lr`, `muon` (bool) and `weight_decay`.
-        betas: AdamW's.
+    Its arguments are AdamW's; groups may have `muon` (bool) and say their own `weight_decay`.
     """
-
-    def __init__(
-        self, groups: Iterable[dict[str, Any]], *, betas: tuple[float, float] = (0.9, 0.999)
-    ) -> None:
-        super().__init__(groups, betas=betas, weight_decay=0.0)
 
     @torch.no_grad()
     def step(self, closure: Any = None) -> Any:

@@ -49,7 +49,7 @@ def test_a_convolution_moves_by_its_rate_in_every_direction() -> None:
     torch.manual_seed(3)
     conv = nn.Conv2d(4, 16, 3)
     before = conv.weight.detach().clone()
-    optimiser = Muon([{"params": [conv.weight], "lr": 0.02, "muon": True}])
+    optimiser = Muon([{"params": [conv.weight], "lr": 0.02, "muon": True}], weight_decay=0.0)
     conv(torch.randn(8, 4, 9, 9)).square().mean().backward()
     optimiser.step()
     moved = torch.linalg.svdvals((conv.weight.detach() - before).flatten(1)) / 0.02
