@@ -41,7 +41,6 @@ class TrainingState:
         optimiser: The optimiser's state dictionary.
         data: `data_digest` of what it is trained on.
         best: Lowest validation criterion so far, px.
-        waited: Validations since then.
         history: Figures of every logged step, {"step": …, name: value}.
         settings: The settings it runs with, as plain values.
         processes: How many processes train together.
@@ -53,7 +52,6 @@ class TrainingState:
     optimiser: dict[str, Any]
     data: str
     best: float = float("inf")
-    waited: int = 0
     history: list[dict[str, float]] = field(default_factory=list)
     settings: Mapping[str, Any] = field(default_factory=dict)
     processes: int = 1
@@ -151,7 +149,6 @@ def save_checkpoint(run: Path, state: TrainingState) -> None:
     document = {
         "step": state.step,
         "best": None if state.best == float("inf") else state.best,
-        "waited": state.waited,
         "history": state.history,
         "data": state.data,
         "settings": state.settings,
@@ -213,7 +210,6 @@ def read_checkpoint(folder: Path) -> TrainingState:
                 read_weights_file(folder / "optimiser.safetensors"), document["optimiser"]
             ),
             best=float("inf") if document["best"] is None else document["best"],
-            waited=document["waited"],
             history=document["history"],
             data=document["data"],
             settings=document.get("settings", {}),

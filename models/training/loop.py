@@ -1,4 +1,4 @@
-"""The training loop, whatever is trained: steps, checkpoints, validation, early stop.
+"""The training loop, whatever is trained: steps, checkpoints, validation.
 
 A `Task` says what a batch's loss is and how good the network is; the loop does the rest. All
 randomness of a step comes from the seed and the step's number, so a resumed run takes the
@@ -7,7 +7,6 @@ same steps as one that was never stopped.
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -30,14 +29,12 @@ from pliant.models.training.checkpoint import (
 )
 from pliant.models.training.interrupts import interrupts_deferred
 from pliant.models.training.optimiser import learning_rate, make_optimiser
-from pliant.models.training.processes import Processes, agree, average_gradients
+from pliant.models.training.processes import Processes, average_gradients
 from pliant.models.training.run_folder import TENSORBOARD, data_digest
 from pliant.models.training.settings import RunSettings
 from pliant.models.training.task import Task
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import TrainingError
-
-logger = logging.getLogger(__name__)
 
 StepProgress = Callable[[int, Mapping[str, float]], None]
 """Called after each step with the steps done and the latest figures."""
@@ -71,31 +68,26 @@ def train(
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
     state = _start(task, optimiser, run, resume)
-    patience = settings.validation.patience
 
-    def conclude_step() -> bool:
-        """Validate and save where it is due; return whether the run ends here."""
+    def conclude_step() -> None:
+        """Validate and save where it is due."""
         if _validation_is_due(state, settings):
             _validate(task, run, state, writer)
-        ended = bool(agree(float(0 < patience <= state.waited), processes))
-        last = ended or state.step == settings.steps
+        last = state.step == settings.steps
         if processes.first and (last or state.step % settings.checkpoint_every == 0):
             _save(run, state, network, optimiser)
         if progress is not None:
             progress(state.step, _figures(state))
-        if ended:
-            logger.info("no better for %d validations: stopped", patience)
-        return ended
 
     with _log_writer(run, processes) as writer:
         try:
             # A run that was interrupted while it validated has not concluded its last step.
-            if not (resume and conclude_step()):
-                for batch in task.batches(state.step, settings.steps):
-                    with interrupts_deferred():  # half a step cannot be resumed
-                        _step(task, run, batch, state, optimiser, writer)
-                    if conclude_step():
-                        break
+            if resume:
+                conclude_step()
+            for batch in task.batches(state.step, settings.steps):
+                with interrupts_deferred():  # half a step cannot be resumed
+                    _step(task, run, batch, state, optimiser, writer)
+                conclude_step()
         except KeyboardInterrupt:
             if processes.first:
                 with interrupts_deferred():
@@ -246,10 +238,7 @@ def _validate(task: Task[Any], run: Path, state: TrainingState, writer: Any) -> 
         task.network.load_state_dict(own)
     with interrupts_deferred():
         better = figures[_CRITERION] < state.best
-        if better:
-            state.best, state.waited = figures[_CRITERION], 0
-        else:
-            state.waited += 1
+        state.best = min(state.best, figures[_CRITERION])
         if better or task.settings.validation.keep == "last":
             save_weights(run / BEST, state.average)
         _log(writer, state, figures)

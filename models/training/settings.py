@@ -54,14 +54,12 @@ class ValidationSettings(Settings):
     Attributes:
         split: Split to validate on.
         every: Steps between validations.
-        patience: Validations without a lower error after which to stop; 0 never stops.
         keep: Which weights answer: the `best` validated ones, or the `last`, which a learning rate
             that ends at 0 has brought to rest, where few pairs cannot tell the better ones.
     """
 
     split: str = "val"
     every: Count = 250
-    patience: Natural = 0
     keep: Literal["best", "last"] = "best"
 
 

@@ -135,7 +135,6 @@ _STATE: Final = json.dumps(
     {
         "step": 3,
         "best": None,
-        "waited": 0,
         "history": [{"step": 1, "loss": 0.5}],
         "optimiser": {"state": {"0": {"step": {"tensor": "a"}}}, "param_groups": [{"lr": 0.1}]},
     }

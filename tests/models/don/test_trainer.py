@@ -188,18 +188,6 @@ def test_other_settings_train_too(
     load_matcher(tmp_path / "run")
 
 
-def test_stops_early_when_nothing_gets_better(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    settings = don(
-        "steps=40",
-        "validation.every=1",
-        "validation.patience=2",
-        "optimiser.learning_rate=1e-12",
-        "optimiser.average=0",
-    )
-    facts = train_don(sheet_dataset, tmp_path / "run", settings)
-    assert facts["steps"] < 10
-
-
 def test_divergence_is_an_error(sheet_dataset: Dataset, tmp_path: Path) -> None:
     settings = don("optimiser.learning_rate=1e30", "optimiser.warmup=0", "optimiser.clip_norm=0")
     with pytest.raises(TrainingError, match=r"/run, step \d+: the gradient is not finite"):
