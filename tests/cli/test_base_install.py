@@ -44,7 +44,7 @@ CALLS = {
     "serve OUT/none": "",
     "challenge create OUT/p --data OUT --private OUT": "service",
     "submit OUT/e.parquet --to http://127.0.0.1:9 --token a": "",
-    "verify OUT/receipt.json --key OUT/k.pem": "service",
+    "verify OUT/report/scores.json --key OUT/report/scores.json": "service",
     "submission --data sample --out OUT/n.parquet": "",
     "annotate OUT/none": "explore",
     "convert sample --to rerun --out OUT/recordings": "convert",

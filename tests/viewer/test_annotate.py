@@ -268,7 +268,7 @@ def test_a_picture_that_cannot_be_decoded_says_why_in_its_place(
     at = [picture.name for picture in annotation.pictures].index("four.tif")
     with shown(browser, annotation):
         browser.run(f"go({at})")
-        browser.wait("$('unshown').textContent.includes('its numbers have a floating point')")
+        browser.wait("$('unshown').textContent.includes('its pixels are floating-point')")
         browser.run(f"go({at} + 1)")
         browser.wait("$('unshown').textContent === ''")
         assert browser.run("return $('said').className") == ""
