@@ -85,13 +85,3 @@ def test_no_pair_is_missed_while_the_list_is_old() -> None:
         near = cKDTree(x).query_pairs(0.1)
         assert near <= set(listed(contact))
     assert 3 < contact.rebuilds < 60
-
-
-def test_a_jump_is_noticed() -> None:
-    x = np.array([[0, 0, 0], [5, 0, 0]], dtype=float)
-    contact = contact_of(x.copy())
-    contact.collide(x, x.copy(), np.ones(2))
-    assert contact._count == 0
-    x[1] = [0.05, 0, 0]
-    contact.collide(x, x.copy(), np.ones(2))
-    assert np.linalg.norm(x[1] - x[0]) == pytest.approx(0.1)
