@@ -6,7 +6,7 @@ import numpy as np
 
 from pliant.baselines import Frame
 from pliant.baselines.features.local_features import dense_stride
-from pliant.baselines.pixels import central_position, lies_on, luma, pixel_centres, searched_mask
+from pliant.baselines.pixels import central_position, lies_on, luma, pixel_centres
 
 
 def mask_of(*pixels: tuple[int, int], height: int = 4, width: int = 5) -> np.ndarray:
@@ -49,10 +49,6 @@ def test_centre_of_mask_or_image() -> None:
     assert central_position(Frame(rgb, mask_of((0, 0), (0, 2), (3, 1)))).tolist() == [1.5, 1.5]
     assert central_position(Frame(rgb)).tolist() == [2.5, 2.0]
     assert central_position(Frame(rgb, mask_of())).tolist() == [2.5, 2.0]
-
-
-def test_without_a_mask_everything_is_searched() -> None:
-    assert searched_mask(Frame(np.zeros((4, 5, 3), dtype=np.uint8))).all()
 
 
 def test_stride_follows_from_the_limit() -> None:

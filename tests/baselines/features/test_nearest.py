@@ -21,11 +21,6 @@ def test_euclidean_distance() -> None:
     np.testing.assert_allclose(found, [[5, 1, 0], [0, np.sqrt(18), 5]], rtol=1e-6)
 
 
-def test_hamming_distance_counts_bits() -> None:
-    found = distances(bits(0b0000_0000, 0b1111_0000), bits(0b0000_0001, 0b1111_1111), "hamming")
-    assert found.tolist() == [[1, 8], [5, 4]]
-
-
 def test_distances_of_whole_numbers_are_exact() -> None:
     """SIFT's descriptors have a length near 512; float32 holds their squares."""
     rng = np.random.default_rng(0)
