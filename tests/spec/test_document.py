@@ -38,11 +38,6 @@ def test_a_stale_part_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert document.stale() == ["schema cameras"]
 
 
-def test_program_says_what_is_stale() -> None:
-    done = subprocess.run([sys.executable, "-m", "tests.spec_document", "--check"], check=False)
-    assert done.returncode == 0
-
-
 BLOCKS = re.findall(r"^```(\w+) ?([\w-]*)\n(.*?)^```$", TEXT, flags=re.M | re.S)
 
 
