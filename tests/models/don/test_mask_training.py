@@ -12,11 +12,7 @@ from scipy import ndimage
 from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import (
     SAMPLINGS,
-    _faded,
-    _light,
-    _pattern,
     _sample,
-    _with_strands_of,
     coloured,
     fit_masks,
 )
@@ -92,53 +88,6 @@ def test_other_colours_leave_objects_where_they_are() -> None:
         edges.append(float(across[[29, 59]].mean() / across.median()))  # patterns have edges too
     assert np.median(edges[:20]) > 5
     assert np.median(edges[20:]) > 5
-
-
-def test_some_strands_get_the_tables_colour() -> None:
-    u = np.mgrid[:64, :80][1]
-    own = torch.zeros(1, 1, 64, 80)
-    own[..., 20:40, :] = 1
-    dark = torch.from_numpy(u // 8 % 2 == 0)
-    rope = torch.where(dark, 0.2, 0.6)[None, None].expand(1, 3, 64, 80)
-    table = torch.tensor([0.8, 0.4, 0.1]).view(1, 3, 1, 1).expand(1, 3, 64, 80)
-    seen = set()
-    for seed in range(8):
-        torch.manual_seed(seed)
-        drawn = _with_strands_of(table, rope, own, 1 - own)[0, :, 30]
-        hidden = (drawn - table[0, :, 30]).abs().amax(dim=0) < 1e-5
-        seen.add(bool(hidden[0]))
-        assert torch.equal(hidden, dark[30] if hidden[0] else ~dark[30])
-        torch.testing.assert_close(drawn[:, ~hidden], rope[0, :, 30][:, ~hidden])
-    assert seen == {True, False}
-
-
-def test_light_colour_and_tables_are_altered_in_some_samples() -> None:
-    torch.manual_seed(0)
-    rgb = torch.rand(200, 3, 48, 64)
-    light = _light(rgb)
-    assert light.shape == (200, 1, 48, 64)
-    assert float(light.min()) > 0
-    assert float(light.max()) <= 1
-    darkest, lightest = light.amin(dim=(1, 2, 3)), light.amax(dim=(1, 2, 3))
-    assert 0.5 < (darkest > 0.999).float().mean() < 0.75  # without any shadow
-    assert ((darkest < 0.7) & (lightest > 0.95)).float().mean() > 0.1  # its edge is in the picture
-    steps = (light[..., 1:] - light[..., :-1]).abs().amax(dim=(1, 2, 3))
-    assert (steps > 0.2).any()
-    assert ((steps > 0) & (steps < 0.02)).any()
-
-    faded = _faded(rgb)
-    colour = (faded - faded.mean(dim=1, keepdim=True)).abs().amax(dim=(1, 2, 3))
-    assert 0.08 < (colour < 1e-6).float().mean() < 0.22
-    assert 0.6 < ((faded - rgb).abs().amax(dim=(1, 2, 3)) < 1e-6).float().mean() < 0.8
-    torch.testing.assert_close(faded.mean(dim=1), rgb.mean(dim=1))
-
-    y, x = torch.meshgrid(torch.arange(48), torch.arange(64), indexing="ij")
-    pattern = _pattern(x, y, torch.zeros(200, 1, 1), torch.full((200, 1, 1), 16.0))
-    drawn = pattern.abs().amax(dim=(1, 2)) > 0
-    assert 0.3 < drawn.float().mean() < 0.5
-    assert (pattern[drawn].abs() > 0.9).float().mean() > 0.8  # two values with edges between them
-    striped = (pattern[drawn] - pattern[drawn][:, :1]).abs().amax(dim=(1, 2)) < 1e-5
-    assert 0.3 < striped.float().mean() < 0.7
 
 
 def test_further_sets_are_seen_in_later_cycles_alone() -> None:
