@@ -8,6 +8,7 @@ import pytest
 
 from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
+from tests.drawn_strands import drawn
 
 ROWS, COLUMNS = np.mgrid[:240, :320] + 0.5
 HALF_PX = 4.0
@@ -19,7 +20,7 @@ def disc(u: float, v: float, radius_px: float) -> Mask:
 
 
 def along(u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]) -> Mask:
-    return np.any([disc(*place, HALF_PX) for place in zip(u, v, strict=True)], axis=0)
+    return drawn(np.stack([u, v], axis=1), HALF_PX, (240, 320))
 
 
 def rope(shape: str) -> Mask:

@@ -20,7 +20,7 @@ from pliant.baselines.tracing.depth_in_mask import (
 )
 from pliant.baselines.tracing.ends import Ball
 from pliant.spec.arrays import BoolArray, FloatArray
-from tests.baselines.tracing.drawn_strands import U, V, drawn
+from tests.drawn_strands import U, V, drawn
 
 HALF_PX = 6.0
 S = np.linspace(0, 1, 2000)

@@ -45,7 +45,7 @@ def drawn(tilt_deg: float) -> Frame:
     columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
 
     def disc(centre: FloatArray, radius: float) -> npt.NDArray[np.bool_]:
-        return np.asarray(np.hypot(columns - centre[0], rows - centre[1]) <= radius)
+        return np.asarray((columns - centre[0]) ** 2 + (rows - centre[1]) ** 2 <= radius**2)
 
     mask = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
     for centre, z in zip(uv[::6], depth[::6], strict=True):

@@ -12,7 +12,7 @@ from pliant.baselines.tracing.centring import evenly_spaced
 from pliant.baselines.tracing.depth_in_mask import working_factor
 from pliant.baselines.tracing.hypotheses import _retraced
 from pliant.baselines.tracing.strands import straightest_paths, thinned
-from tests.baselines.tracing.drawn_strands import SIZE, drawn
+from tests.drawn_strands import SIZE, drawn
 
 
 def winding(turns: float, length_px: float = 560.0, count: int = 3000) -> np.ndarray:

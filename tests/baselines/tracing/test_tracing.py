@@ -7,6 +7,7 @@ from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, pixel_links, steps_along
 from pliant.baselines.tracing.walk import sampled
 from pliant.spec.frame import Frame, Pair
+from tests.drawn_strands import drawn
 
 SIZE = (320, 240)
 FAR_BELOW = Nadir(np.array([160.0, 120.0]), 1e9)  # a camera without perspective
@@ -16,13 +17,10 @@ def painted(
     curve_px: np.ndarray, ball: bool = True, radius: float = 4.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """The mask of a rope along a curve, and of the rope and a ball at its first point."""
-    v, u = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
-    mask = np.zeros((SIZE[1], SIZE[0]), bool)
-    for point in curve_px:
-        mask |= (u - point[0]) ** 2 + (v - point[1]) ** 2 <= radius**2
+    mask = drawn(curve_px, radius, SIZE[::-1])
     if not ball:
         return mask, mask
-    round_it = (u - curve_px[0, 0]) ** 2 + (v - curve_px[0, 1]) ** 2 <= (2.5 * radius) ** 2
+    round_it = drawn(curve_px[:1], 2.5 * radius, SIZE[::-1])
     return mask & ~round_it, mask | round_it
 
 

@@ -8,7 +8,7 @@ import pytest
 from pliant.baselines.tracing import MaskShape
 from pliant.models.don.one_rope import of_one_rope
 from pliant.spec.arrays import Mask
-from tests.baselines.tracing.drawn_strands import SIZE, U, V, drawn
+from tests.drawn_strands import SIZE, U, V, drawn
 from tests.models.don.test_segmentation import encoded, overlap
 
 S = np.linspace(0, 1, 2000)
