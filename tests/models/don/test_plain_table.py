@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from pliant.models.don.table import on_plain_table
-from pliant.spec.frame import Frame
+from pliant.spec.frame import Frame, Pair
 from tests.known import known
-from tests.models.don.test_prints import pairs
 from tests.models.shipped_models import shipped_don
 
 
@@ -22,12 +20,12 @@ def on_chequers(frame: Frame) -> Frame:
     return frame.replace(rgb=rgb, key=f"{frame.key}/chequers")
 
 
-def test_a_pattern_of_the_table_does_not_move_the_answers(tmp_path: Path) -> None:
-    moved, seen = {}, pairs(tmp_path / "set")
+def test_a_pattern_of_the_table_does_not_move_the_answers(blank_cloths: list[Pair]) -> None:
+    moved = {}
     for plain in (True, False):
         matcher = shipped_don("don-cloth", plain_table=plain)
         gaps = []
-        for pair in seen:
+        for pair in blank_cloths:
             other = replace(pair, source=on_chequers(pair.source), target=on_chequers(pair.target))
             gaps.append(matcher.answer(other).uv_px - matcher.answer(pair).uv_px)
         moved[plain] = np.median(np.linalg.norm(np.concatenate(gaps), axis=1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,21 +12,7 @@ from PIL import Image
 from pliant.models.don.matcher import DonMatcher
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
-from tests.models.shipped_models import made_like_training_set, shipped_don
-
-
-def pairs(folder: Path, **cloth: Any) -> list[Pair]:
-    """Two pairs of smooth cloths seen from above, with the looks of training."""
-    dataset = made_like_training_set(
-        "don-cloth",
-        folder,
-        3,
-        tiers=["cloth-1"],
-        seed=79,
-        camera={"top": 1.0, "oblique": 0.0, "shift": [0.0, 0.0]},
-        cloth={"yaw_max_rad": 0.1, **cloth},
-    )
-    return [pair.seen() for pair in dataset.pairs("test")[:2]]
+from tests.models.shipped_models import shipped_don, smooth_cloths
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +22,7 @@ def matcher() -> DonMatcher:
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
-    return pairs(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=41)
-
-
-@pytest.fixture(scope="module")
-def blank(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
-    return pairs(tmp_path_factory.mktemp("blank") / "set")
+    return smooth_cloths(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=41)
 
 
 def turned(pair: Pair, quarters: int) -> Pair:
@@ -75,9 +55,9 @@ def test_the_print_says_how_a_cloth_is_turned(
 
 
 def test_a_blank_cloth_stays_as_it_is_and_a_print_is_settled(
-    matcher: DonMatcher, printed: list[Pair], blank: list[Pair]
+    matcher: DonMatcher, printed: list[Pair], blank_cloths: list[Pair]
 ) -> None:
-    for settled, asked in ((True, printed), (False, blank)):
+    for settled, asked in ((True, printed), (False, blank_cloths)):
         for pair in asked:
             assert (
                 matcher._decided(pair.source, pair.target, pair.uv_a_px).source.settled == settled
