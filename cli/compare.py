@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="An averaged metric of the protocol; may be repeated. Default: those of its headline.",
+    help="An averaged metric of the protocol; may be repeated. Default: those of its headline, or "
+    "all if it has none there.",
 )
 @json_option
 def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) -> None:
@@ -79,7 +80,7 @@ def _print_differences(
     protocol = str(scores[0].document["protocol"])
     without: list[Difference] = []
     tables: dict[tuple[str, str], list[Difference]] = {}
-    one_tier = len({item.group for item in found} - {"overall"}) == 1
+    one_tier = len(scores[0].tiers) == 1
     for item in found:
         if item.group == "overall" or not one_tier:  # else the same figures once more
             tables.setdefault((item.metric, item.group), []).append(item)
@@ -89,7 +90,8 @@ def _print_differences(
         if all(item.verdict == "too few sequences" for item in items):
             without += items
             order = ", ".join(_in_order(scores, names, items[0]))
-            echo(f"{title}, best first: {order}")
+            first = "lowest" if shown.better == "neither" else "best"
+            echo(f"{title}, {first} first: {order}")
             continue
         echo(title if shown.better == "neither" else f"{title}, {shown.better} is better")
         for item in items:
@@ -98,12 +100,12 @@ def _print_differences(
                 interval = f" [{shown.written(item.low)}, {shown.written(item.high)}]"
             value = f"{'+' if item.value > 0 else ''}{shown.written(item.value)}"
             counted = plural(item.sequences, "sequence")
-            if item.verdict == "no clear difference" and item.sequences_needed is not None:
-                counted += f"; about {item.sequences_needed:,} would separate them"
-            echo(
-                f"  {item.method} against {item.against}: {value}{interval}: {item.verdict} "
-                f"({counted})"
-            )
+            verdict = ""
+            if shown.better != "neither":
+                verdict = f": {item.verdict}"
+                if item.verdict == "no clear difference" and item.sequences_needed is not None:
+                    counted += f"; about {item.sequences_needed:,} would separate them"
+            echo(f"  {item.method} against {item.against}: {value}{interval}{verdict} ({counted})")
     if without:
         most = max(item.sequences for item in without)
         needed = max(item.sequences_needed or fewest for item in without)

@@ -118,7 +118,8 @@ def differences(
 
     Args:
         reports: Comparable reports.
-        metrics: Names of averaged metrics; None takes those of the headline.
+        metrics: Names of averaged metrics; None takes those of the headline, or all where the
+            headline has none.
 
     Raises:
         CallError: The reports are not comparable, or a metric is not an averaged one.
@@ -127,7 +128,7 @@ def differences(
     protocol = read_protocol(str(reports[0].document["protocol"]))
     known = protocol.ratios
     wanted = (
-        [m for m in protocol.headline if m in known]
+        [m for m in protocol.headline if m in known] or list(known)
         if metrics is None
         else [*dict.fromkeys(metrics)]
     )

@@ -21,6 +21,7 @@ from pliant.evaluator.comparison import (
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.cells import cause_bars, heading, score_cell
 from pliant.evaluator.report.charts import Chart, cdf_chart, interval_chart
 from pliant.evaluator.report.pages import render_page
@@ -95,17 +96,20 @@ def render_leaderboard(
     names = method_names(reports)
     main = document["headline"][0]
     competing = [i for i in range(len(reports)) if reports[i].method not in CONTROLS]
-    found = differences(reports, [main])
+    averaged = main in read_protocol(protocol).ratios
+    found = differences(reports, [main]) if averaged else []
     rivals = {names[i] for i in competing}
     among = [item for item in found if {item.method, item.against} <= rivals]
     places = ranks(among, [names[i] for i in competing])
-    # Without differences at most one method has a value.
+    # Without differences at most one method has a value, or there is no test of the metric.
     alone = [None if reports[i].overall.get(main) is None else 1 for i in competing]
     standing = dict(zip(competing, places.get((OVERALL, main), alone), strict=True))
     if hide_truth:
         reports = [public_scores(report) for report in reports]
+    values = [each.overall.get(main) for each in reports]
     verdict = board_verdict(
-        {name: each.overall.get(main) for name, each in zip(names, reports, strict=True)},
+        {names[i]: values[i] for i in competing},
+        {each.method: value for each, value in zip(reports, values, strict=True)},
         main,
         protocol,
         rounded=hide_truth,
@@ -146,6 +150,7 @@ def render_leaderboard(
         controls=[row for i, row in rows.items() if i not in standing],
         verdict=[verdict] if verdict else [],
         main=ranked.label,
+        averaged=averaged,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
         too_few=any(item.verdict == "too few sequences" for item in among),
         charts=charts,

@@ -62,6 +62,7 @@ def cause_sentences(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 def board_verdict(
     values: Mapping[str, float | None],
+    controls: Mapping[str, float | None],
     metric: str,
     protocol: str,
     *,
@@ -70,7 +71,8 @@ def board_verdict(
     """Return a sentence about several methods against the best control; empty without one.
 
     Args:
-        values: Method -> its value over the split, or None.
+        values: Name of a method -> its value over the split, or None.
+        controls: The same of the controls, by the names of `CONTROLS`; others are left out.
         metric: The metric.
         protocol: Its protocol.
         rounded: Whether the values are `public_scores`.
@@ -78,15 +80,18 @@ def board_verdict(
     shown = heading(metric, protocol, rounded=rounded)
     if shown.better == "neither":
         return ""
-    known = {name: value for name, value in values.items() if value is not None}
-    controls = {name: known[name] for name in CONTROLS if name in known and name != "oracle"}
-    methods = {name: value for name, value in known.items() if name not in CONTROLS}
-    if not controls or not methods:
+    methods = {name: value for name, value in values.items() if value is not None}
+    bars = {
+        name: value
+        for name in CONTROLS
+        if name != "oracle" and (value := controls.get(name)) is not None
+    }
+    if not bars or not methods:
         return ""
-    control = min(controls, key=lambda name: shown.rank_key(controls[name]))
-    bar = f"{CONTROLS[control]} ({shown.label} {_with_unit(shown, controls[control])})"
+    control = min(bars, key=lambda name: shown.rank_key(bars[name]))
+    bar = f"{CONTROLS[control]} ({shown.label} {_with_unit(shown, bars[control])})"
     best = min(methods, key=lambda name: shown.rank_key(methods[name]))
-    beaten = shown.rank_key(controls[control])
+    beaten = shown.rank_key(bars[control])
     better = [name for name in methods if shown.rank_key(methods[name]) < beaten]
     if not better:
         return (

@@ -249,10 +249,51 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     assert lines[3] == "PCK 8 px, overall, best first: middle 1.000, near 1.000, far 0.000"
     assert lines[6].startswith("No verdict on 18 differences: 4 sequences, and at least 6 are ")
     assert len(lines) == 7
+    metrics = ["--metric", "flip_rate", "--metric", "outside_image_rate"]
+    assert run(["compare", str(tmp_path / "reports"), *metrics]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    # Only the cloth has symmetries.
+    assert lines[1].startswith("Flip rate of pairs, cloth, best first: ")
+    assert lines[2].startswith("Answers outside the image, overall, lowest first: ")
+
+
+def test_a_metric_without_a_better_direction_has_no_verdict(
+    reports: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [str(reports / name) for name in ("near", "far")]
+    assert run(["compare", *folders, "--metric", "outside_image_rate"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].endswith("] (16 sequences)")
+
+
+def test_a_headline_without_averages_is_listed_and_not_tested(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, off in (("far", 9.0), ("near", 3.0)):
+        table = scene.table(scene.true_px + np.array([off, 0]))
+        scores = scene.score(tmp_path, table, name=name, protocol="auc")
+        write_report(scores, tmp_path / "reports" / name)
+    board = tmp_path / "board.html"
+    assert run(["leaderboard", str(tmp_path / "reports"), "--out", str(board)]) == 0
+    text = board.read_text()
+    assert re.findall(r'<th scope="row" data-key="(\w+)"', text) == ["near", "far"]
+    assert "AUC 3 px is not an average" in text
+    capsys.readouterr()
+    assert run(["compare", str(tmp_path / "reports")]) == 0
+    assert capsys.readouterr().out.startswith("PCK 1 px, overall, ")
+
+
+def test_two_reports_of_one_control_are_both_controls(scene: Any, tmp_path: Path) -> None:
+    reports = [
+        scene.score(tmp_path, scene.table(scene.true_px + off), name=name, protocol="paper")
+        for name, off in (("mine", 4.0), ("identity", 9.0), ("identity", 9.0))
+    ]
+    page = render_leaderboard(reports)
+    assert "1 method and 2 controls" in page
+    assert "mine (5.66 px) beats answering with the query" in page
 
 
 def test_the_verdict_of_two_methods() -> None:
-    said = board_verdict({"sift": 5.0, "orb": 6.0, "centroid": 9.0}, "rmse_px", "standard")
+    said = board_verdict({"sift": 5.0, "orb": 6.0}, {"centroid": 9.0}, "rmse_px", "standard")
     assert said.startswith("Both methods beat answering with the middle of the object (RMSE 9.0")
     assert said.endswith("the best is sift with 5.00 px.")
 
