@@ -163,10 +163,8 @@ def _results(
     ratios: list[Ratio] = list(protocol.ratios.values())
     crossing = Crossing.of(queries.sequence_a, queries.sequence_b, queries.tier, len(queries.tiers))
     overall_intervals, *tier_intervals = intervals(ratios, columns, crossing, protocol.bootstrap)
-    of_tier = [queries.tier == code for code in range(len(queries.tiers))]
-    sequences = {OVERALL: len(np.unique(queries.sequence_a))}
-    for tier, mask in zip(queries.tiers, of_tier, strict=True):
-        sequences[tier] = len(np.unique(queries.sequence_a[mask]))
+    sizes = crossing.sizes()
+    sequences = {OVERALL: int(sizes.sum()), **dict(zip(queries.tiers, sizes.tolist(), strict=True))}
 
     def values(group: str) -> dict[str, float | None]:
         found = summary.values.get(group, {})

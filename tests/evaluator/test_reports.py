@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from pliant.evaluator.report.charts import interval_chart
 from pliant.evaluator.report.leaderboard import fact_table, render_leaderboard
 from pliant.evaluator.report.verdict import board_verdict, report_verdict
 from pliant.spec.errors import CallError, SubmissionError
+from tests.dataset_files import write_queries
 from tests.evaluator.figures import figure
 
 
@@ -290,6 +292,15 @@ def test_two_reports_of_one_control_are_both_controls(scene: Any, tmp_path: Path
     page = render_leaderboard(reports)
     assert "1 method and 2 controls" in page
     assert "mine (5.66 px) beats answering with the query" in page
+
+
+def test_sequences_that_are_only_targets_are_counted(scene_maker: Any, tmp_path: Path) -> None:
+    made = scene_maker(tmp_path / "data", sequences=3, images=False, tiers=("cloth",))
+    names = made.queries["sequence_b"].to_pylist()
+    asked = [{**row, "sequence_b": names[-1]} for row in made.queries.to_pylist()[:40]]
+    tables = write_queries(made.root, "analytic", "test", asked, made.truth.to_pylist()[:40])
+    scores = replace(made, queries=tables[0], truth=tables[1]).score(tmp_path)
+    assert scores.document["counts"]["sequences"] == {"overall": 3, "cloth": 3}
 
 
 def test_the_verdict_of_two_methods() -> None:
