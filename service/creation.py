@@ -14,7 +14,7 @@ from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
 from pliant.service.receipts import write_keys
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
 from pliant.service.teams import invite
-from pliant.service.versions import add_missing_versions, texts_of_protocols, truth_file
+from pliant.service.versions import add_missing_versions, truth_file, with_own_protocols
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -53,8 +53,7 @@ def create_challenge(
     """
     refuse_existing(root)
     settings = read_challenge_settings(config, tuple(splits))
-    for phase in settings.phases:
-        texts_of_protocols(phase, config)
+    settings, protocols = with_own_protocols(settings, config)
     _check_withheld(data, private, {phase.split for phase in settings.phases})
     with new_challenge(root, database_url) as (place, session):
         shutil.copytree(data, place / "public")
@@ -62,6 +61,8 @@ def create_challenge(
         copy_private(private, place / "private" / "1")
         for folder in ("protocols", "submissions", "incoming"):
             (place / folder).mkdir(mode=0o750)
+        for name, text in protocols.items():
+            (place / name).write_bytes(text)
         write_keys(place / "keys")
         challenge = Challenge.of(place, database_url)
         record(session, HOST, "created", "challenge", title=challenge.title)

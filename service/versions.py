@@ -16,7 +16,7 @@ from pliant.evaluator.submission.queries import read_queries
 from pliant.service.audit import HOST, log_time, record
 from pliant.service.challenge import CHALLENGE_YAML, Challenge
 from pliant.service.models import Job, Score, State, Submission, Version
-from pliant.service.settings import Phase
+from pliant.service.settings import ChallengeSettings, Phase
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.reading import sha256_file
@@ -30,7 +30,8 @@ def protocol_text(name: str, path: Path | None = None, where: str | None = None)
 
     Args:
         name: One of `PROTOCOL_NAMES`, or the path of a protocol's JSON file.
-        path: The rules that name it, for messages, or None.
+        path: The rules that name it; a relative path starts at their folder. None: it starts at
+            the current one.
         where: The place in them.
 
     Raises:
@@ -38,7 +39,7 @@ def protocol_text(name: str, path: Path | None = None, where: str | None = None)
     """
     if name in PROTOCOL_NAMES:
         return (files("pliant.evaluator") / "protocols" / f"{name}.json").read_bytes()
-    file = Path(name)
+    file = Path(name) if path is None else path.parent / name
     if not file.is_file():
         required = f"{', '.join(PROTOCOL_NAMES)}, or a file"
         found = repr(name)[:100]
@@ -51,13 +52,40 @@ def texts_of_protocols(phase: Phase, path: Path | None) -> list[bytes]:
 
     Args:
         phase: The phase.
-        path: The rules that name it, for messages, or None.
+        path: The rules that name it, as for `protocol_text`.
 
     Raises:
         CallError: A protocol is neither built in nor a file.
     """
     where = f"phase {phase.name}, protocols"
     return [protocol_text(name, path, where) for name in phase.protocols]
+
+
+def with_own_protocols(
+    settings: ChallengeSettings, path: Path | None
+) -> tuple[ChallengeSettings, dict[str, bytes]]:
+    """Return rules that name protocol files by their copies in the challenge, and the copies.
+
+    Args:
+        settings: The rules of a new challenge.
+        path: Their file, as for `protocol_text`.
+
+    Returns:
+        The rules, and path in the challenge -> content.
+
+    Raises:
+        CallError: A protocol is neither built in nor a file, or a setting of it is refused.
+    """
+    copies: dict[str, bytes] = {}
+    phases = []
+    for phase in settings.phases:
+        names = list(phase.protocols)
+        for index, text in enumerate(texts_of_protocols(phase, path)):
+            if names[index] not in PROTOCOL_NAMES:
+                names[index] = f"protocols/{parse_protocol(text).sha256}.json"
+                copies[names[index]] = text
+        phases.append(phase.replace(protocols=tuple(names)))
+    return settings.replace(phases=tuple(phases)), copies
 
 
 def add_version(

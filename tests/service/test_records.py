@@ -9,6 +9,7 @@ import re
 import shutil
 import stat
 import tarfile
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -501,6 +502,27 @@ def test_what_create_and_open_refuse(
     for upgrade in (False, True):
         with pytest.raises(CallError, match="not the database of a challenge"):
             Challenge.open(tmp_path / "a", upgrade=upgrade)
+
+
+def test_a_protocol_file_is_beside_the_rules_and_goes_into_the_challenge(
+    service_halves: Halves, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rules, elsewhere = tmp_path / "rules", tmp_path / "elsewhere"
+    rules.mkdir()
+    elsewhere.mkdir()
+    built_in = resources.files("pliant.evaluator") / "protocols" / "paper.json"
+    (rules / "mine.json").write_bytes(built_in.read_bytes() + b"\n")
+    config = rules / "c.yaml"
+    config.write_text("phases: [{name: a, split: test, protocols: [mine.json]}]")
+    monkeypatch.chdir(elsewhere)
+    root = tmp_path / "challenge"
+    create_challenge(root, service_halves.public, service_halves.private, [], config)
+    shutil.rmtree(rules)
+    challenge = Challenge.open(root)
+    with challenge.database.write() as session:
+        add_missing_versions(session, challenge)  # as at the start of the service
+        version = session.scalars(select(Version)).one()
+    assert challenge.settings.phases[0].protocols == (f"protocols/{version.protocol_sha256}.json",)
 
 
 def test_a_challenge_with_a_database_of_its_own_takes_no_other(
