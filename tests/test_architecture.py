@@ -134,6 +134,7 @@ LIGHT: dict[str, set[str]] = {
         *("numpy", "pyarrow", "rich", "matplotlib"), *_HEAVY, *_OF_COMMANDS,
     },
     "import pliant.spec.dataset": _HEAVY,
+    "import pliant.baselines.predict": {"scipy.linalg", "scipy.ndimage", "scipy.special", *_HEAVY},
     "import pliant.evaluator.report.leaderboard, pliant.evaluator.report.report": _HEAVY,
 }  # fmt: skip
 

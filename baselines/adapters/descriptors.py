@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import softmax
 
 from pliant.baselines.adapters.images import Images, as_grid, function_name, sample
 from pliant.baselines.matcher import Heat
@@ -75,6 +74,8 @@ class DescriptorMatcher:
 
     def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the cosine similarity of every target pixel; see `HeatMatcher.heat`."""
+        from scipy.special import softmax
+
         wanted = self._wanted(source, uv_a_px[None])
         cells, described = self._cells(target), self._map(target)
         score = wanted @ described[cells[:, 1], cells[:, 0]].T
