@@ -250,7 +250,9 @@ def test_a_dataset_without_queries_says_what_they_need(tmp_path: Path, called: C
     shutil.rmtree(data / "queries")
     code, _, error = called("submission", "--data", data, "--out", tmp_path / "out.parquet")
     assert code == 2
-    assert "no queries for split 'test'; required: a dataset with queries. Queries need two" in error
+    assert (
+        "no queries for split 'test'; required: a dataset with queries. Queries need two" in error
+    )
 
 
 def test_template_of_matches_has_a_row_a_pair(tmp_path: Path, made: Made) -> None:
