@@ -165,19 +165,20 @@ class FrameStore:
             self._records = self._open(self._path)
         record = self._records[index]
         if not record["done"]:
-            if not self.frames[index].sequence.made_whole:
-                return self._store(index, self._records)
-            self._store_sequence(self.frames[index], self._records)
+            if self.frames[index].sequence.made_whole:
+                self._store_sequence(self.frames[index], self._records)
+            else:
+                self._store(index, self._records)
+        # A frame just decoded may have other strides than a stored one, and sums then other digits.
         stored: dict[str, Any] = {name: np.array(record[name]) for name in _STORED}
         frame = self.frames[index]
         return TrainingFrame(**stored, key=frame.key).cached_as(working_key(frame, self.size))
 
-    def _store(self, index: int, records: npt.NDArray[np.void]) -> TrainingFrame:
+    def _store(self, index: int, records: npt.NDArray[np.void]) -> None:
         view = self._decode(index)
         for name in _STORED:
             records[name][index] = getattr(view, name)
         records["done"][index] = 1  # last: a half-written record is decoded again
-        return view
 
     def _store_sequence(self, frame: RecordedFrame, records: npt.NDArray[np.void]) -> None:
         """Store all frames of a simulated sequence; other processes wait for them."""

@@ -61,6 +61,14 @@ def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path: Path
                 np.testing.assert_array_equal(getattr(store.view(index), name), expected)
 
 
+def test_a_frame_is_laid_out_alike_the_first_time(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Sums of another order have other last digits: a resumed run would measure other errors."""
+    store = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
+    first, again = store.view(0), store.view(0)
+    assert first.rgb.strides == again.rgb.strides == (80 * 3, 3, 1)
+    assert first.mask.strides == again.mask.strides
+
+
 def test_a_cached_frame_needs_no_file(tmp_path: Path) -> None:
     root = write_sheet_dataset(tmp_path / "set", {"train": 1})
     dataset = Dataset.open(root)
