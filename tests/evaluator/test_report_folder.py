@@ -35,10 +35,16 @@ from pliant.cli.main import run
 from pliant.evaluator import scores
 from pliant.spec import limits
 place, arguments = sys.argv[1], sys.argv[2:]
+wait = limits.subprocess.Popen.wait
 def terminate(*args, **kwargs):
     os.kill(os.getpid(), signal.SIGTERM)
+def terminate_once(child, *args, **kwargs):
+    if child.args[0] == sys.executable:  # libraries start programs of the system
+        limits.subprocess.Popen.wait = wait
+        terminate()
+    return wait(child, *args, **kwargs)
 if place == "reading":
-    limits.subprocess.Popen.wait = terminate
+    limits.subprocess.Popen.wait = terminate_once
 else:
     scores.Scores.write = terminate
 sys.exit(run(arguments))
