@@ -145,7 +145,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         CallError: It is missing.
         PliantError: It is not a picture that can be read, of another size, black everywhere, or
             black nowhere and of several values; of one value, the object fills the picture. Or a
-            few labels are so dark that they count as black, next to brighter values.
+            few labels are so dark that they count as black, next to fewer bright pixels.
     """
     path = _existing(path)
     try:
@@ -185,18 +185,19 @@ def _are_labels(path: Path, labels: npt.NDArray[Any], values: npt.NDArray[Any]) 
         values: (H, W), their upper eight bits.
 
     Raises:
-        PliantError: Labels count as black next to bright values: 255 on void pixels, for example.
+        PliantError: Labels count as black next to fewer bright pixels, such as void ones of 255.
     """
     sixteen = labels.dtype.itemsize == 2
     if not np.issubdtype(labels.dtype, np.unsignedinteger) or not (
         np.array_equal(values, labels >> 8 if sixteen else labels)
     ):
         return False
-    found = np.flatnonzero(np.bincount(labels.ravel()))
+    pixels = np.bincount(labels.ravel())
+    found = np.flatnonzero(pixels)
     few = len(found) <= _FEW
-    dark = found[(found > 0) & (found <= (BLACK << 8 if sixteen else BLACK))]
+    black = BLACK << 8 if sixteen else BLACK
     void = (1 << 16) - 1 if sixteen else _LABELS + 1
-    if few and len(dark) and found[-1] >= void:
+    if few and found[-1] >= void and pixels[1 : black + 1].sum() > pixels[black + 1 :].sum():
         raise PliantError(
             "the mask has dark labels next to bright values, such as 255 on void pixels",
             path=path,

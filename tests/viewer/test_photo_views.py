@@ -106,11 +106,17 @@ def test_dark_labels_next_to_bright_values_are_refused(
 ) -> None:
     """A void rim of 255 would be the object, and the object of label 1 would be outside."""
     drawn = np.zeros((6, 9), np.uint8 if max(values) < 256 else np.uint16)
+    drawn[1] = values[0]
     drawn[2, : len(values)] = values
     Image.fromarray(drawn).save(tmp_path / "mask.png")
     with pytest.raises(PliantError, match=r"found the values 0, .*required: 0 outside") as refused:
         read_mask(tmp_path / "mask.png", (9, 6))
     assert refused.value.exit_code == 1
+    bright = drawn.max()
+    drawn[3:5] = bright  # more than the dark pixels, which are then traces of an edge
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    assert (read_mask(tmp_path / "mask.png", (9, 6)) >= (drawn == bright)).all()
+    assert not read_mask(tmp_path / "mask.png", (9, 6))[0].any()
 
 
 def test_every_label_of_16_bits_counts(tmp_path: Path) -> None:
