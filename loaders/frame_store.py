@@ -33,6 +33,9 @@ from pliant.spec.storage import layout
 _STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
 """What a record keeps of a `TrainingFrame`."""
 
+_SHARED: Final = ["object", "kind", "m0", "partners"]
+"""Columns of points that sequences share; ropes of drawn proportions may have other angles."""
+
 _LOCKS: Final = 64
 
 
@@ -193,7 +196,7 @@ class FrameStore:
     def _decode(self, index: int) -> TrainingFrame:
         sequence = self.frames[index].sequence
         if not sequence.made_whole and sequence.id not in self._alike:
-            if not sequence.points().equals(self._points):
+            if not sequence.points().select(_SHARED).equals(self._points.select(_SHARED)):
                 raise SpecError(
                     f"the points differ from those of {self._first.id}",
                     path=sequence.dir / layout.POINTS_TABLE,
