@@ -101,7 +101,7 @@ def render_leaderboard(
     rivals = {names[i] for i in competing}
     among = [item for item in found if {item.method, item.against} <= rivals]
     places = ranks(among, [names[i] for i in competing])
-    # Without differences at most one method has a value, or there is no test of the metric.
+    # No differences: fewer than two methods have a value, or the metric has no significance test.
     alone = [None if reports[i].overall.get(main) is None else 1 for i in competing]
     standing = dict(zip(competing, places.get((OVERALL, main), alone), strict=True))
     if hide_truth:
