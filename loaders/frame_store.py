@@ -33,9 +33,6 @@ from pliant.spec.storage import layout
 _STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
 """What a record keeps of a `TrainingFrame`."""
 
-_SHARED: Final = ["object", "kind", "m0", "partners"]
-"""Columns of points that sequences share; ropes of drawn proportions may have other angles."""
-
 _LOCKS: Final = 64
 
 
@@ -196,7 +193,7 @@ class FrameStore:
     def _decode(self, index: int) -> TrainingFrame:
         sequence = self.frames[index].sequence
         if not sequence.made_whole and sequence.id not in self._alike:
-            if not sequence.points().select(_SHARED).equals(self._points.select(_SHARED)):
+            if not sequence.points().equals(self._points):
                 raise SpecError(
                     f"the points differ from those of {self._first.id}",
                     path=sequence.dir / layout.POINTS_TABLE,

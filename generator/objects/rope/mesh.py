@@ -123,11 +123,16 @@ def _sections(settings: RopeSettings) -> FloatArray:
     turn = 2.0 * math.pi * np.arange(settings.ring) / settings.ring
     wave = 2.0 * math.pi * settings.turns
     # Equal strands side by side; cut at right angles to the rope they are wider than high,
-    # and pressed a little into each other so that no light falls between them.
+    # and pressed a little into each other so that no light falls between them. The polygon of a
+    # strand is narrower than its ellipse: its widest corner, seen from the rope's centre, must
+    # reach beyond the ray midway between two strands.
     height = settings.strand_radius_m
     axis_radius = radius - height
     lay_angle = math.atan(wave / settings.length_m * axis_radius)
-    width = 1.04 * height / math.cos(lay_angle)
+    sides = turn[1 : settings.ring // 2]
+    corners = (axis_radius + height * portable.cos(sides)) / portable.sin(sides)
+    midway = math.tan(math.pi / settings.strands) * float(corners.min())
+    width = max(1.04 * height / math.cos(lay_angle), 1.02 * midway)
     strand = 2.0 * math.pi * np.arange(settings.strands)[:, None] / settings.strands
     phase = strand + wave * s
     radial = (axis_radius + height * portable.cos(turn))[None, None]

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pliant.generator.objects.rope.body import rope_points
+from pliant.generator.objects.rope.mesh import rope_mesh
 from pliant.generator.objects.rope.sampler import draw_proportions
 from pliant.generator.settings import RopeSettings
 from pliant.spec.configuration import settings_from
@@ -47,6 +49,19 @@ def test_ropes_of_all_proportions_name_the_same_points(ball: bool) -> None:
     for other in others:
         np.testing.assert_array_equal(first.points.material, other.points.material)
         np.testing.assert_array_equal(first.points.partners, other.points.partners)
+
+
+@pytest.mark.parametrize("ring", [6, 8, 10, 16])
+@pytest.mark.parametrize("strands", [3, 4, 5, 6])
+def test_no_ray_from_the_centre_leaves_between_two_strands(strands: int, ring: int) -> None:
+    settings = RopeSettings(strands=strands, ring=ring, turns=12, length_m=1.6)
+    points = rope_points(settings, rope_mesh(settings), same_points=True)
+    angles = points.material[~points.centreline, 1].reshape(2, -1, 8)
+    step = 2 * np.pi / 8
+    asked = (np.arange(8) + 0.25) * step  # of a station; of its mirror image, the negative
+    for turned, sign in zip(angles, (1, -1), strict=True):
+        off = turned - sign * asked
+        np.testing.assert_allclose((off + np.pi) % (2 * np.pi), np.pi, atol=1e-6)
 
 
 def test_a_point_is_on_the_outside_of_the_rope() -> None:
