@@ -55,6 +55,10 @@ CERTAIN: Final = 1e-4
 DOUBTFUL: Final = 1e-2
 """Corrected probability that chance gives a shift: below this it is an error, or a warning."""
 
+SIDE: Final = 3e-3
+"""Probability that chance gives the gain of one side of the objects: above it, a shift is not
+certain. The shadow of a thin rope darkens one side and gives the other a weak gain."""
+
 ALTERNATIVES: Final = 5
 """So many other explanations than a shift are tried."""
 
@@ -198,7 +202,7 @@ def shift_of(edges: Edges) -> tuple[int, float]:
 
     Returns:
         The shift in px, 0 if there is none; the probability that chance gives it, corrected for
-        all shifts tried.
+        all shifts tried, at least `CERTAIN` if chance explains the gain of one side.
     """
     mean = edges.mean()
     if not np.isfinite(mean).all():
@@ -207,10 +211,13 @@ def shift_of(edges: Edges) -> tuple[int, float]:
     if mean[best] <= SHIFT_GAIN * mean[REACH] or mean[best] <= SURE_RATIO * mean[_AWAY].mean():
         return 0, 1.0
     gain = edges.contrast[:, best] - edges.contrast[:, REACH]
-    for side in (edges.enters, ~edges.enters):
-        if not side.any() or gain[side].mean() <= 0:
-            return 0, 1.0
-    return best - REACH, SHIFTS * probability(gain, edges.block)
+    sides = (edges.enters, ~edges.enters)
+    if any(not side.any() or gain[side].mean() <= 0 for side in sides):
+        return 0, 1.0
+    doubt = SHIFTS * probability(gain, edges.block)
+    if max(probability(gain[side], edges.block[side]) for side in sides) > SIDE:
+        doubt = max(doubt, CERTAIN)
+    return best - REACH, doubt
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from pliant.spec.validation.rules.colour import (
+    CERTAIN,
     MIN_BLOCKS,
     REACH,
     Colours,
@@ -129,6 +130,18 @@ def test_a_shift_moves_both_sides_of_an_object() -> None:
     found, doubt = shift_of(measured)
     assert found == 2
     assert doubt == pytest.approx(chance)
+
+
+def test_a_shadow_on_one_side_is_no_certain_shift() -> None:
+    """The other side of a thin object gains a little too: a shift of one side is no proof."""
+    measured = edges(40, 90, count=48)
+    measured.contrast[1::2, REACH + 2] = 44 + np.random.default_rng(0).normal(0, 20, 24)
+    gain = measured.contrast[:, REACH + 2] - 40
+    assert gain[1::2].mean() > 0
+    assert 26 * probability(gain, measured.block) < CERTAIN
+    assert shift_of(measured) == (2, CERTAIN)
+    measured.contrast[1::2, REACH + 2] += 26
+    assert shift_of(measured)[1] < CERTAIN
 
 
 def test_pictures_are_joined_on_the_scale_of_their_contrast() -> None:
