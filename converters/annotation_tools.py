@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -10,7 +11,6 @@ from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from pliant.converters.annotations import Annotations, Collector, picture_in
 from pliant.spec.errors import SpecError
-from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.photo import photo_size
 from pliant.spec.marks import Mark
 
@@ -63,6 +63,22 @@ class _LabelMe(BaseModel):
 Document = TypeVar("Document", bound=BaseModel)
 
 
+def read_document(path: Path) -> Any:
+    """Return a tool's JSON document: of any size, as Python reads it (NaN), with or without a BOM.
+
+    Raises:
+        SpecError: It cannot be read, or is not JSON.
+    """
+    try:
+        return json.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise SpecError("the file cannot be read", path=path, found=error.strerror) from None
+    except (ValueError, RecursionError) as error:
+        raise SpecError(
+            "this is not JSON", path=path, found=f"{error!s:.200}", fix="Export the file again."
+        ) from None
+
+
 def is_coco(document: Any) -> bool:
     """Return whether a JSON document is one of COCO annotations."""
     return isinstance(document, dict) and {"images", "annotations"} <= set(document)
@@ -73,7 +89,7 @@ def is_labelme(document: Any) -> bool:
     return isinstance(document, dict) and not {"shapes", "imagePath"}.isdisjoint(document)
 
 
-def read_coco(path: Path) -> Annotations:
+def read_coco(path: Path, document: Any) -> Annotations:
     """Read COCO keypoints: one annotation for each picture and category.
 
     A keypoint's third number is 0 (not labelled), 1 (labelled, not visible) or 2 (visible). Points
@@ -82,15 +98,16 @@ def read_coco(path: Path) -> Annotations:
 
     Args:
         path: The JSON file; its pictures are in its folder, in `images/` there, or next to it.
+        document: What `read_document` returns of it.
 
     Raises:
         SpecError: It is damaged, or a picture is not there or of another size.
     """
-    document = _parsed(_Coco, read_json(path), path)
+    coco = _parsed(_Coco, document, path)
     marks = Collector(path)
     pictures: dict[_Id, Path] = {}
     described: dict[Path, str] = {}
-    for index, image in enumerate(document.images):
+    for index, image in enumerate(coco.images):
         where = f"images[{index}]"
         # Many tools write annotations/FILE.json next to images/.
         folder = path.parent.parent if path.parent.name == "annotations" else path.parent
@@ -115,7 +132,7 @@ def read_coco(path: Path) -> Annotations:
         pictures[image.id], described[picture] = picture, where
         marks.add_picture(picture)
         _check_size(picture, image.width, image.height, path, where)
-    labelled = {k: each for k, each in enumerate(document.annotations) if each.keypoints}
+    labelled = {k: each for k, each in enumerate(coco.annotations) if each.keypoints}
     if not labelled:
         raise SpecError(
             "the annotations have no keypoints",
@@ -123,7 +140,7 @@ def read_coco(path: Path) -> Annotations:
             required="annotations with keypoints [x, y, v, …]",
             fix="Export the project as COCO keypoints; boxes and polygons name no points.",
         )
-    categories = {category.id: category for category in document.categories}
+    categories = {category.id: category for category in coco.categories}
     several = len({each.category_id for each in labelled.values()}) > 1
     for index, annotation in labelled.items():
         where = f"annotations[{index}]"
@@ -195,7 +212,7 @@ def read_labelme(files: Sequence[Path], path: Path) -> Annotations:
     described: dict[Path, Path] = {}
     kinds: set[str] = set()
     for file in files:
-        document = _parsed(_LabelMe, read_json(file), file)
+        document = _parsed(_LabelMe, read_document(file), file)
         picture = picture_in(file.parent, document.imagePath, file, "imagePath")
         if picture in described:
             raise SpecError(

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pliant.converters.annotation_tools import is_coco, is_labelme, read_coco, read_labelme
+from pliant.converters.annotation_tools import (
+    is_coco,
+    is_labelme,
+    read_coco,
+    read_document,
+    read_labelme,
+)
 from pliant.converters.annotations import Annotations
 from pliant.converters.canvas import PictureOptions, clip_of
 from pliant.converters.clip import Clip
@@ -18,7 +24,6 @@ from pliant.converters.marks_csv import collect_marks
 from pliant.converters.queries import Scheme
 from pliant.converters.tapvid import read_tapvid
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.marks import ANNOTATIONS_CSV
 from pliant.spec.progress import Progress
 from pliant.spec.text import plural
@@ -128,20 +133,21 @@ def _annotations(path: Path) -> tuple[str, Annotations]:
 
 def _tool(path: Path, files: Sequence[Path]) -> tuple[str, Annotations]:
     """Return what JSON files of an annotation tool say."""
-    coco, labelme = [], []
-    for file in files:  # one at a time: LabelMe puts pictures into its files
-        document = read_json(file)
-        coco += [file] if is_coco(document) else []
-        labelme += [file] if is_labelme(document) else []
+    coco: list[tuple[Path, Any]] = []
+    labelme = []
+    for file in files:
+        document = read_document(file)
+        coco += [(file, document)] if is_coco(document) else []
+        labelme += [file] if is_labelme(document) else []  # one at a time: they hold pictures
     if len(coco) > 1:
         raise SpecError(
             "there are several COCO files",
             path=path,
-            found=", ".join(file.name for file in coco[:4]),
+            found=", ".join(file.name for file, _ in coco[:4]),
             fix="Import one of them by its path.",
         )
     if coco:
-        return "coco", read_coco(coco[0])
+        return "coco", read_coco(*coco[0])
     if labelme:
         return "labelme", read_labelme(labelme, path)
     raise SpecError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 from PIL import Image
 
 from pliant.converters import read_source
+from pliant.spec.errors import SpecError
+from pliant.spec.io.limits import MAX_JSON_BYTES
 from tests.conformance.edits import change_document
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, imported
@@ -50,6 +53,20 @@ def test_coco_keypoints(tmp_path: Path) -> None:
     assert dataset.info["provenance"]["config"]["points"] == ["ball", "end"]
     imported(folder / "export.json", tmp_path / "index", "--pixels", "index")
     assert (0, 5.0, 6.5, 2, 60.5, 10.5, "visible") in asked(tmp_path / "index")
+
+
+def test_coco_files_as_tools_write_them(tmp_path: Path) -> None:
+    """With a byte order mark and NaN, through a link, larger than a file of the specification."""
+    folder = photographs(tmp_path / "photos")
+    unread = {"info": {"score": math.nan}, "licence": "A" * MAX_JSON_BYTES}
+    (tmp_path / "export.json").write_text(json.dumps(coco() | unread), encoding="utf-8-sig")
+    (folder / "export.json").symlink_to(tmp_path / "export.json")
+    imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == COCO_ROWS
+    (folder / "export.json").unlink()
+    (folder / "export.json").write_text('{"images": [')
+    with pytest.raises(SpecError, match=r"export\.json: this is not JSON"):
+        read_source(folder)
 
 
 def labelme(folder: Path) -> None:
