@@ -16,7 +16,8 @@ class Row(BaseModel):
     """One line.
 
     Attributes:
-        rank: Place, equal figures share one; None for a control.
+        rank: Place, equal figures share one; None for a control, and for a submission without the
+            figure that ranks.
         team_id: The team.
         team: Its name.
         submission: The submission shown.
@@ -85,9 +86,8 @@ def leaderboard(session: Session, version: Version, show: str) -> Board:
     previous: tuple[float | None, int] = (None, 0)
     for score, submission, owner, submissions in session.execute(chosen):
         rank = None
-        if not owner.is_host:
-            same = score.main is not None and score.main == previous[0]
-            rank = previous[1] if same else len(rows) + 1
+        if not owner.is_host and score.main is not None:
+            rank = previous[1] if score.main == previous[0] else len(rows) + 1
             previous = (score.main, rank)
         row = _row(score, submission, owner, submissions, rank)
         (controls if owner.is_host else rows).append(row)

@@ -297,6 +297,24 @@ def test_pages_show_the_digits_that_decide_ranks(plain: Trial, plain_client: Tes
         assert "0.03535</td>" in shown
 
 
+def test_a_submission_without_the_figure_that_ranks_has_no_rank(
+    plain: Trial, plain_client: TestClient
+) -> None:
+    def without(task: Task, limits: Scoring) -> Result:
+        figures = {"overall": {"rmse_px": None, "pck_8px": 0.5}}
+        return replace(quick(task, limits), figures={task.versions[0][0]: figures})
+
+    plain.send(b"without", team=1)
+    plain.work(without)
+    plain.send(b"good")
+    plain.work()
+    board = plain_client.get(f"{API}/leaderboard").json()
+    assert [(row["rank"], row["team"]) for row in board["rows"]] == [(1, "Ada"), (None, "Grace")]
+    page = plain_client.get("/").text
+    assert re.search(r'Grace</a><small>quick</small></th><td data-key="">–</td>', page)
+    assert "submissions without this figure have none" in page
+
+
 def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:
     trial = make_trial(
         "phases:\n- {name: later, split: test, opens: 2199-03-01T00:00:00+09:00}\n"
