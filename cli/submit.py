@@ -17,7 +17,7 @@ from pliant.cli.terminal import echo, echo_json, progress_bar
 @click.option(
     "--token", envvar="PLIANT_TOKEN", required=True, help="Token of the team (or PLIANT_TOKEN)."
 )
-@click.option("--phase", metavar="NAME", help="Phase; default: the one that is open.")
+@click.option("--phase", metavar="NAME", help="Phase; default: the first one that is open.")
 @click.option("--check-only", is_flag=True, help="Only check the file: no score, no attempt.")
 @click.option("--no-wait", is_flag=True, help="Do not wait for the score.")
 @json_option

@@ -70,7 +70,7 @@ class Client:
 
         Args:
             file: The file.
-            phase: Name of the phase, or None for the one that is open.
+            phase: Name of the phase, or None for the first one that is open.
             check_only: Whether it is only checked.
             progress: Called with (bytes sent, bytes in all).
 

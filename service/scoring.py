@@ -34,6 +34,7 @@ class Task:
         split: The split it must answer.
         kind: Kind of submission that the phase scores: `answers` or `matches`.
         versions: (id of the version, text of the protocol, folder of the truth); none for a check.
+        others: (name, split, kind) of the challenge's other phases that are open.
     """
 
     file: Path
@@ -43,6 +44,7 @@ class Task:
     split: str
     kind: Literal["answers", "matches"]
     versions: tuple[tuple[int, bytes, Path], ...]
+    others: tuple[tuple[str, str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,9 @@ def _checked(task: Task) -> Result:
 def _not_of_phase(task: Task) -> list[Issue]:
     """Return what a sound submission has that its phase does not accept."""
     footer = read_footer(task.file)
+    given = footer["split"], footer["table"]
+    fitting = [name for name, *accepted in task.others if tuple(accepted) == given]
+    fix = f". Send it to phase {' or '.join(fitting)}" if fitting else ""
     wanted = (
         ("KIND_NOT_ACCEPTED", "table", task.kind),
         ("SPLIT_NOT_OF_PHASE", "split", task.split),
@@ -147,7 +152,7 @@ def _not_of_phase(task: Task) -> list[Issue]:
             "error",
             task.name,
             f"footer.{name}",
-            f"found {name} {footer[name]}; required: {own}, which phase {task.phase} accepts",
+            f"found {name} {footer[name]}; required: {own}, which phase {task.phase} accepts{fix}",
         )
         for code, name, own in wanted
         if footer[name] != own

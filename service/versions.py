@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -126,7 +126,7 @@ def add_version(
     protocol.check_episodes(dataset, phase.split, queries, allow_empty=False)  # it may rank by any
     known = versions_of(session, phase.name)
     if known:
-        kind = parse_protocol(challenge.protocol_path(known[0].protocol_sha256).read_bytes()).kind
+        kind = kind_of(challenge, known[0])
         if protocol.kind != kind:
             raise CallError(
                 "the protocols of a phase score one kind of submission",
@@ -225,6 +225,11 @@ def versions_of(session: Session, phase: str) -> list[Version]:
 def newest_versions(session: Session, phase: str) -> list[Version]:
     """Return the versions that a new submission is scored by: the newest of each protocol."""
     return list({each.protocol: each for each in versions_of(session, phase)}.values())
+
+
+def kind_of(challenge: Challenge, version: Version) -> Literal["answers", "matches"]:
+    """Return the kind of submission that a version scores."""
+    return parse_protocol(challenge.protocol_path(version.protocol_sha256).read_bytes()).kind
 
 
 def rescore(session: Session, versions: Sequence[Version], *, actor: str) -> int:

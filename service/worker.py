@@ -17,7 +17,6 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from pliant.evaluator.protocols.protocol import parse_protocol
 from pliant.service import queue
 from pliant.service.audit import SYSTEM, figures_sha256, log_time, record
 from pliant.service.challenge import Challenge
@@ -27,7 +26,7 @@ from pliant.service.queue import Lease
 from pliant.service.receipts import Signer
 from pliant.service.scoring import Figures, Result, Task, score_in_child
 from pliant.service.settings import Scoring
-from pliant.service.versions import RESCORE_PRIORITY, new_job, newest_versions
+from pliant.service.versions import RESCORE_PRIORITY, kind_of, new_job, newest_versions
 from pliant.spec.errors import PliantError
 from pliant.spec.limits import LimitError
 
@@ -95,6 +94,12 @@ class Worker:
                 # Of a check, and of a phase that was new.
                 versions = versions or newest_versions(session, submission.phase)
                 phase = self.challenge.settings.phase(submission.phase)
+                others = tuple(
+                    (each.name, each.split, kind_of(self.challenge, way))
+                    for each in self.challenge.settings.phases
+                    if each is not phase and each.status(log_time(session)) == "open"
+                    for way in newest_versions(session, each.name)[:1]
+                )
                 ways = tuple(
                     (
                         each.id,
@@ -110,8 +115,9 @@ class Worker:
                 public=self.challenge.public,
                 phase=phase.name,
                 split=phase.split,
-                kind=parse_protocol(ways[0][1]).kind,
+                kind=kind_of(self.challenge, versions[0]),
                 versions=() if submission.check_only else ways,
+                others=others,
             )
             return self._scorer(task, self._limits)
         except SQLAlchemyError:

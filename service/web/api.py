@@ -102,7 +102,7 @@ router = APIRouter(prefix="/api/v1", responses=_ERRORS)
 
 
 def phase_of(site: Site, name: str | None) -> Phase:
-    """Return a phase by its name, or the one that is open."""
+    """Return a phase by its name, or the first one that is open."""
     settings = site.challenge.settings
     if name is None:
         return default_phase(settings.phases, now_ms())

@@ -64,7 +64,10 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
     public = Dataset.open(service_halves.public)
     predict(public, "test", METHODS["orb"](), tmp_path / "matches", "matches")
     predict(public, "val", METHODS["identity"](), tmp_path / "split")
-    trial = make_trial()
+    names = {"test": "test", "practice": "val", "again": "val", "later": "val"}
+    phases = [f"- {{name: {name}, split: {split}}}\n" for name, split in names.items()]
+    phases[-1] = "- {name: later, split: val, opens: 2199-03-01T00:00:00Z}\n"
+    trial = make_trial(f"phases:\n{''.join(phases)}")
     for name in ("matches", "split"):
         content = (tmp_path / name).read_bytes()
         numbers = [trial.send(content, check_only=check) for check in (True, False)]
@@ -78,7 +81,8 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
             "split": {
                 "code": "SPLIT_NOT_OF_PHASE",
                 "where": "footer.split",
-                "message": "found split val; required: test, which phase test accepts",
+                "message": "found split val; required: test, which phase test accepts. "
+                "Send it to phase practice or again",
             },
         }[name]
         for number in numbers:
