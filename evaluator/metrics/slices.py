@@ -10,10 +10,18 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Metric,
+    Positive,
+    ScoringContext,
+    Summary,
+    listed_figures,
+)
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.metrics.pck import threshold_level
+from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, StateArray
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -84,6 +92,13 @@ class Slices(Metric[SlicesSettings]):
         self._state = _Tally(VISIBILITY_STATES)
         self._displacement = _Tally(_labels(settings.displacement_px, "px"))
         self._silhouette = _Tally(_labels(settings.silhouette_px, "px"))
+
+    @classmethod
+    def of_slice(cls, settings: SlicesSettings) -> list[Figure]:
+        """Return what the figures of one slice are, whether the protocol reports them or not."""
+        within = {"thresholds_px": (settings.within_px,), "thresholds_box": ()}
+        errors = listed_figures("localisation", {"quantiles": ()})
+        return [*errors, *listed_figures("pck", within)]
 
     def update(self, block: Block) -> None:
         """Take in one block."""

@@ -13,6 +13,7 @@ from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.metrics.matches import Matches
+from pliant.evaluator.metrics.slices import Slices
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.ratios import Figure
@@ -42,6 +43,11 @@ class Heading:
     def unit(self) -> str:
         """The unit in which `written` shows values, or empty."""
         return "mm" if self.stored_unit == "m" else self.stored_unit
+
+    @classmethod
+    def of(cls, figure: Figure, *, rounded: bool = False) -> Heading:
+        """Return the heading of a figure."""
+        return cls(figure.title, figure.about, figure.unit, figure.better, rounded)
 
     def written(self, value: float | None) -> str:
         """Return a value for people: px with two decimals, mm with one, else three."""
@@ -107,7 +113,18 @@ def heading(metric: str, protocol: str, *, rounded: bool = False) -> Heading:
     """
     unknown = Figure(metric, "neither", "", metric)
     figure = read_protocol(protocol).figures.get(metric, unknown)
-    return Heading(figure.title, figure.about, figure.unit, figure.better, rounded)
+    return Heading.of(figure, rounded=rounded)
+
+
+def slice_headings(protocol: str) -> dict[str, Heading]:
+    """Return the headings of the figures of a slice, by name; none where a protocol has no slices.
+
+    Args:
+        protocol: Name of the protocol.
+    """
+    settings = read_protocol(protocol).settings.get("slices")
+    found = [] if settings is None else Slices.of_slice(settings)
+    return {figure.name: Heading.of(figure) for figure in found}
 
 
 def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:

@@ -12,7 +12,7 @@ from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report import charts
-from pliant.evaluator.report.cells import heading, score_cell
+from pliant.evaluator.report.cells import heading, score_cell, slice_headings
 from pliant.evaluator.report.charts import Chart, Labels
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
@@ -92,6 +92,7 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         # The figures of a single tier are those of the whole split.
         groups=groups[1:] if len(groups) == 2 else groups,
         heading=partial(heading, protocol=document["protocol"], rounded="rounded" in document),
+        slice_headings=slice_headings(document["protocol"]),
         cell=partial(score_cell, document),
         no_interval=any(count < 3 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),

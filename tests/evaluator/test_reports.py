@@ -19,6 +19,7 @@ from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report.charts import interval_chart
 from pliant.evaluator.report.leaderboard import fact_table, render_leaderboard
+from pliant.evaluator.report.report import render_report
 from pliant.evaluator.report.verdict import board_verdict, report_verdict
 from pliant.spec.errors import CallError, SubmissionError
 from tests.dataset_files import write_queries
@@ -138,6 +139,16 @@ def test_a_report_without_images_or_distribution_is_complete(
         scores = bare.score(tmp_path, protocol=protocol)
         write_report(scores, tmp_path / protocol, data=bare.root)
         assert_whole((tmp_path / protocol / "report.html").read_text())
+
+
+@pytest.mark.parametrize("protocol", ["standard", "tapvid", "track"])
+def test_slices_have_the_headings_of_their_figures(scene: Any, protocol: str) -> None:
+    table = scene.table(scene.true_px + np.array([3.0, 0.0]))
+    page = render_report(scene.score(scene.root.parent, table, protocol=protocol))
+    slices = page[page.index("<h2>Slices</h2>") : page.index("<h2>All metrics</h2>")]
+    heads = re.findall(r'<th scope="col">([^<]+)</th>', slices)
+    assert set(heads) == {"Queries", "RMSE, px", "Mean error, px", "PCK 8 px"}
+    assert "<td>3.00</td>" in slices
 
 
 def test_a_report_never_overwrites_something_else(scene: Any, tmp_path: Path) -> None:
