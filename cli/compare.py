@@ -49,7 +49,8 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     names = method_names(scores)
     standing = ranks(found, names)
     protocol = str(scores[0].document["protocol"])
-    fewest = fewest_sequences(float(read_protocol(protocol).bootstrap.level))
+    rules = read_protocol(protocol)
+    fewest = fewest_sequences(float(rules.bootstrap.level))
     if as_json:
         document: dict[str, Any] = {
             "protocol": protocol,
@@ -64,6 +65,11 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
         echo_json(document)
         return
     _print_differences(scores, names, found, fewest)
+    compared = {item.metric for item in found}
+    asked = dict.fromkeys(metrics or rules.headline)
+    if lost := [m for m in asked if m in rules.ratios and m not in compared]:
+        labels = "; ".join(heading(metric, protocol).label for metric in lost)
+        echo(f"Not compared, because fewer than two methods have a value: {labels}.")
     for (group, metric), places in standing.items():
         placed = [each for each in zip(places, names, strict=True) if each[0] is not None]
         if group == "overall" and any(place != 1 for place, _ in placed):

@@ -270,6 +270,19 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     assert lines[2].startswith("Answers outside the image, overall, lowest first: ")
 
 
+def test_compare_names_the_metrics_that_methods_have_no_value_of(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [str(tmp_path / name) for name in ("far", "near")]
+    for folder, off in zip(folders, (9.0, 3.0), strict=True):
+        write_report(scene.score(tmp_path, scene.table(scene.true_px + off)), folder)
+    assert run(["compare", *folders, *["--metric", "nll"] * 2, "--metric", "jitter_px"]) == 0
+    line = "Not compared, because fewer than two methods have a value: NLL; Jitter.\n"
+    assert capsys.readouterr().out == line
+    assert run(["compare", *folders]) == 0
+    assert "Not compared" not in capsys.readouterr().out
+
+
 def test_a_metric_without_a_better_direction_has_no_verdict(
     reports: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
