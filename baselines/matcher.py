@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,11 @@ from pliant.spec.frame import Frame, Pair
 
 UNFAMILIAR = 0.02
 """Answers of lower familiarity count as unlike the training data of the method."""
+
+
+def written_familiarity(familiarity: float) -> str:
+    """Return a familiarity for people, rounded down: one below `UNFAMILIAR` never shows as it."""
+    return f"{math.floor(100 * familiarity) / 100:.2f}"
 
 
 def familiarity_summary(familiarity: npt.NDArray[np.float32]) -> dict[str, float]:

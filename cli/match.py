@@ -182,5 +182,8 @@ def _point(point: dict[str, Any], name: str = "query_px") -> str:
 
 
 def _certainty(point: dict[str, Any]) -> str:
-    named = ("confidence", "familiarity")
-    return "".join(f", {name} {point[name]:.2f}" for name in named if point[name] is not None)
+    from pliant.baselines.matcher import written_familiarity
+
+    written = {"confidence": "{:.2f}".format, "familiarity": written_familiarity}
+    named = ((name, write) for name, write in written.items() if point[name] is not None)
+    return "".join(f", {name} {write(point[name])}" for name, write in named)

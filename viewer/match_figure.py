@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import Heat
+from pliant.baselines.matcher import Heat, written_familiarity
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 from pliant.spec.io.writing import replacing, require_folder
@@ -157,7 +157,7 @@ def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
         width = float(np.sqrt(match.scale_b.prod()))
         parts.append(f"standard deviation {single.sigma_px * width:.1f} px")
     if single.familiarity is not None:
-        parts.append(f"familiarity {single.familiarity:.2f}")
+        parts.append(f"familiarity {written_familiarity(single.familiarity)}")
     return ", ".join(parts)
 
 

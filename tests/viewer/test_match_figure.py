@@ -441,6 +441,8 @@ def test_an_unfamiliar_query_is_said(tmp_path: Path) -> None:
     usual, _ = on_itself(Strange(0.4))
     assert usual.warnings() == []
     assert usual.as_dict()["confidence"] == 0.9
+    match, view = on_itself(Strange(0.01999))
+    assert "familiarity 0.01" in figure_text(match, view, tmp_path / "figure.svg")
     match, view = on_itself(Strange(0.01))
     assert match.as_dict()["confidence"] == pytest.approx(0.009)
     assert "unlike what strange was trained on" in match.warnings()[0]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.baselines.matcher import written_familiarity
 from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.layers import heat_png
 from pliant.viewer.explorer.submissions import Method
@@ -33,6 +34,7 @@ def answer_document(
     true_px, point = answer.true_px, answer.point
     if true_px is None and (found := truth.find(pair.at(point.uv_a_px))) is not None:
         true_px = found.uv_b_px
+    known = point.familiarity
     error_px = None if true_px is None else float(np.linalg.norm(point.uv_b_px - true_px))
     heat = None if point.heat is None else base64.b64encode(heat_png(point.heat)).decode("ascii")
     return {
@@ -43,7 +45,7 @@ def answer_document(
         "sigma_px": number(point.sigma_px),
         "confidence": number(answer.confidence),
         "confidence_is": answer.confidence_is,
-        "familiarity": number(point.familiarity),
+        "familiarity": None if known is None else float(written_familiarity(known)),
         "material": answer.material,
         "warnings": list(answer.warnings),
         "heat": heat,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,20 @@ import pytest
 from PIL import Image
 
 from pliant.api import open_method
-from pliant.baselines.matcher import Heat
+from pliant.baselines.matcher import UNFAMILIAR, Heat
 from pliant.evaluator import evaluate, write_report
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.documents import answer_document
 from pliant.viewer.explorer.layers import error_colours, frame_layer, heat_png, method_layer
+from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.opening import open_explorer
 from tests.known import known
+from tests.viewer.explorer.conftest import Shifted
 
 Submit = Callable[[Path, float], Path]
 
@@ -66,6 +72,22 @@ def test_a_report_finds_its_submission(
     (tmp_path / "answers.parquet").write_bytes(submit(tiny_dataset, 1.0).read_bytes())
     with pytest.raises(CallError, match="the submission of the report is not there"):
         open_explorer(dataset, report, open_method)  # another file of the same name
+
+
+class Strange(Shifted):
+    """Answers queries that are just below the limit of familiarity."""
+
+    def answer(self, pair: Pair) -> Answers:
+        known = np.full(len(pair.uv_a_px), UNFAMILIAR - 1e-5, np.float32)
+        return replace(super().answer(pair), familiarity=known)
+
+
+def test_a_familiarity_below_the_limit_is_not_shown_as_the_limit(explorer: Explorer) -> None:
+    pair = explorer.queries.splits["test"].pairs[0]
+    at = pair.at(pair.uv_a_px[4])
+    found = known(answer_document(explorer.truth, LiveMethod(Strange()), at))
+    assert found["familiarity"] == 0.01
+    assert "familiarity below 0.02" in found["warnings"][0]
 
 
 def test_the_error_map_has_the_colour_of_the_error(explorer: Explorer) -> None:
