@@ -315,6 +315,20 @@ def test_a_submission_without_the_figure_that_ranks_has_no_rank(
     assert "submissions without this figure have none" in page
 
 
+def test_the_csv_of_a_page_of_submissions_has_the_same_ones(
+    plain: Trial, plain_client: TestClient
+) -> None:
+    for content in (b"first", b"second"):
+        plain.send(content)
+    team = SignedIn(plain_client, plain.tokens[0])
+    for page, numbers in (("/submissions", ["2", "1"]), ("/submissions?before=2", ["1"])):
+        text = team.get(page).text
+        assert re.findall(r'href="/submissions/(\d+)"', text) == numbers
+        (link,) = re.findall(r'href="([^"]*submissions\.csv[^"]*)"', text)
+        rows = csv.DictReader(io.StringIO(team.get(link).text))
+        assert [row["id"] for row in rows] == numbers
+
+
 def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:
     trial = make_trial(
         "phases:\n- {name: later, split: test, opens: 2199-03-01T00:00:00+09:00}\n"
