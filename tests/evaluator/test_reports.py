@@ -308,6 +308,16 @@ def test_a_headline_without_averages_is_listed_and_not_tested(
     assert capsys.readouterr().out.startswith("PCK 1 px, overall, ")
 
 
+def test_a_leaderboard_says_why_no_method_has_a_rank(scene: Any, tmp_path: Path) -> None:
+    table = scene.table(scene.true_px + 4.0)
+    scores = scene.score(tmp_path, table, name="mine", protocol="track")
+    assert scores.overall["rmse_px_after_10"] is None
+    for reports in ([scores], [scores, scores]):
+        page = render_leaderboard(reports)
+        assert "No method has a value of RMSE after 10 frames, so none has a rank." in page
+        assert "The rank counts" not in page
+
+
 def test_two_reports_of_one_control_are_both_controls(scene: Any, tmp_path: Path) -> None:
     reports = [
         scene.score(tmp_path, scene.table(scene.true_px + off), name=name, protocol="paper")
