@@ -80,8 +80,10 @@ def read_document(path: Path) -> Any:
 
 
 def is_coco(document: Any) -> bool:
-    """Return whether a JSON document is one of COCO annotations."""
-    return isinstance(document, dict) and {"images", "annotations"} <= set(document)
+    """Return whether a JSON document is one of COCO annotations, perhaps without its images."""
+    if not isinstance(document, dict) or "annotations" not in document:
+        return False
+    return not {"images", "categories"}.isdisjoint(document)
 
 
 def is_labelme(document: Any) -> bool:
@@ -140,7 +142,16 @@ def read_coco(path: Path, document: Any) -> Annotations:
             required="annotations with keypoints [x, y, v, …]",
             fix="Export the project as COCO keypoints; boxes and polygons name no points.",
         )
-    categories = {category.id: category for category in coco.categories}
+    categories: dict[_Id, _Category] = {}
+    for index, category in enumerate(coco.categories):
+        if (first := categories.setdefault(category.id, category)) is not category:
+            raise SpecError(
+                "two categories have the same id",
+                path=path,
+                where=f"categories[{index}].id",
+                found=f"{category.id!r:.60}, of {first.name} and {category.name}",
+                required="another id for each category",
+            )
     several = len({each.category_id for each in labelled.values()}) > 1
     for index, annotation in labelled.items():
         where = f"annotations[{index}]"
@@ -262,15 +273,16 @@ def _parsed(kind: type[Document], document: Any, path: Path) -> Document:
         return kind.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
+        missing = first["type"] == "missing"
         place = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]
         )
         raise SpecError(
-            "a field is missing or of another type",
+            "a field is missing" if missing else "a field is of another type",
             path=path,
             where=place.lstrip("."),
-            found=f"{first['input']!r:.60}",
-            required=first["msg"].removeprefix("Input should be "),
+            found=None if missing else f"{first['input']!r:.60}",
+            required=None if missing else first["msg"].removeprefix("Input should be "),
         ) from None
 
 
