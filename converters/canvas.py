@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
+from unicodedata import normalize
 
 import numpy as np
 import numpy.typing as npt
@@ -176,12 +177,13 @@ def _companions(pictures: Sequence[Path], folder: Path | None) -> list[Path] | N
     files: dict[str, list[Path]] = {}
     for file in sorted(folder.iterdir()):
         if file.is_file():
-            files.setdefault(file.stem, []).append(file)
+            files.setdefault(normalize("NFC", file.stem), []).append(file)
     found: dict[Path, Path] = {}
     for picture in pictures:
-        stem = picture.stem.removesuffix("_rgb")
+        whole = normalize("NFC", picture.stem)  # macOS may store ä as a and its dots
+        stem = whole.removesuffix("_rgb")
         names = (
-            picture.stem,
+            whole,
             stem,
             *(f"{stem}_{end}" for end in ("visible_mask", "mask", "depth")),
         )
@@ -217,10 +219,12 @@ def _companions(pictures: Sequence[Path], folder: Path | None) -> list[Path] | N
 
 def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
     rows = read_rows(path, ("source", "target"))
+    frames = {normalize("NFC", name): frame for frame, name in enumerate(names)}
     pairs = []
     for where, row in rows:
+        row = {side: normalize("NFC", name) for side, name in row.items()}
         for side in ("source", "target"):
-            if row[side] not in names:
+            if row[side] not in frames:
                 raise SpecError(
                     "a pair names a picture that has no annotations",
                     path=path,
@@ -228,7 +232,7 @@ def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
                     found=repr(row[side])[:80],
                     required=f"one of {', '.join(names[:5])}{' …' if len(names) > 5 else ''}",
                 )
-        pair = (names.index(row["source"]), names.index(row["target"]))
+        pair = (frames[row["source"]], frames[row["target"]])
         if pair[0] == pair[1] or pair in pairs:
             said = "a picture with itself" if pair[0] == pair[1] else "a pair twice"
             raise SpecError(f"the list has {said}", path=path, where=where, fix="Remove the row.")

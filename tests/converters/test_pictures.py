@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unicodedata import normalize
 
 import numpy as np
@@ -20,6 +20,8 @@ from tests.conftest import Called
 from tests.converters.conftest import Rejected
 from tests.converters.importing import asked, asked_and_true, imported, marked
 from tests.known import known
+
+Spelling = Literal["NFC", "NFD"]
 
 # Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
 # says that viewers turn it by 90 degrees to the right, so that it is shown as 20 x 30.
@@ -156,6 +158,24 @@ def test_a_mask_that_could_be_of_another_picture_is_refused(
     (photos / "annotations.csv").write_text(CSV.replace("b.tif", "a b.tif"))
     one = "a b.png: one file in the folder is for two pictures"
     assert one in rejected(photos, *option, code=2)
+
+
+@pytest.mark.parametrize(("form", "other"), [("NFC", "NFD"), ("NFD", "NFC")])
+def test_names_may_be_decomposed(tmp_path: Path, form: Spelling, other: Spelling) -> None:
+    """ç is one character or two, in the name of a picture, its mask and the list of pairs."""
+    folder, masks, pairs = tmp_path / "photos", tmp_path / "masks", tmp_path / "pairs.csv"
+    marks = [f"{name}.png,{point},5,5,1" for name in "çd" for point in "ab"]
+    table = "\n".join(["picture,point,x,y,visible", *marks])
+    for made in (folder, masks):
+        made.mkdir()
+    for name in "çd":
+        noise = np.random.default_rng(ord(name)).integers(0, 255, (30, 40, 3), np.uint8)
+        Image.fromarray(noise).save(folder / normalize(form, f"{name}.png"))
+        Image.new("L", (40, 30), 255).save(masks / normalize(other, f"{name}.png"))
+    (folder / "annotations.csv").write_text(normalize(form, table))
+    pairs.write_text(normalize(other, "source,target\nd.png,ç.png\n"))
+    dataset = imported(folder, tmp_path / "out", "--masks", str(masks), "--pair-list", str(pairs))
+    assert dataset.sequences[0][0].mask is not None
 
 
 def test_names_of_pictures_keep_their_spaces(photos: Path, tmp_path: Path) -> None:
