@@ -147,7 +147,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
             black nowhere and of several values; of one value, the object fills the picture. Or a
             few labels are so dark that they count as black, next to fewer bright pixels.
     """
-    path = _existing(path)
+    path = _existing(path, "mask")
     try:
         with _opened(path) as opened:
             numbers, lossy = opened.mode in (_FLOATING, _INTEGER), opened.format in _LOSSY
@@ -156,7 +156,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
             labels = np.asarray(opened)
             rgb = np.zeros((*labels.shape, 1)) if numbers else np.asarray(_eight_bit(opened))
     except Exception as error:  # Pillow's decoders share no base
-        raise _unreadable(path, error) from error
+        raise _unreadable(path, error, "mask") from error
     values = rgb.max(axis=2)
     mask = values > BLACK
     if lossy and np.count_nonzero(values > 255 - BLACK) > _WHITE * np.count_nonzero(mask):
@@ -223,7 +223,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
         CallError: It is missing.
         PliantError: It cannot be read, is of another form or size, or cannot be in its unit.
     """
-    path = _existing(path)
+    path = _existing(path, "depth image")
     try:
         if path.suffix.lower() == ".npy":
             with open(path, "rb") as stream:  # `np.load` would also open an archive of arrays
@@ -233,7 +233,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
                 _check_size("depth image", path, opened.size, size)
                 values = np.asarray(opened)
     except Exception as error:  # Pillow's decoders share no base
-        raise _unreadable(path, error) from error
+        raise _unreadable(path, error, "depth image") from error
     metres = np.issubdtype(values.dtype, np.floating)
     if values.ndim != 2 or not (metres or np.issubdtype(values.dtype, np.integer)):
         raise PliantError(
@@ -266,10 +266,10 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
     return np.where(known, depth_m, np.inf).astype(np.float32)
 
 
-def _existing(path: Path | str) -> Path:
+def _existing(path: Path | str, what: str = "picture") -> Path:
     path = Path(path)
     if not path.is_file():
-        text = "a picture is needed, not a folder" if path.is_dir() else "picture not found"
+        text = f"a {what} is needed, not a folder" if path.is_dir() else f"{what} not found"
         raise CallError(text, path=path)
     return path
 
@@ -300,17 +300,17 @@ def _check_size(
         )
 
 
-def _unreadable(path: Path, error: Exception) -> PliantError:
+def _unreadable(path: Path, error: Exception, what: str = "picture") -> PliantError:
     if isinstance(error, PliantError):
         return error
     with open(path, "rb") as file:
         start = file.read(12)
     if start[4:8] == b"ftyp" and start[8:] in _HEIC:
         return PliantError(
-            "the picture cannot be read: HEIC is not supported", path=path, fix="Save it as JPEG."
+            f"the {what} cannot be read: HEIC is not supported", path=path, fix="Save it as JPEG."
         )
     said = "the file is empty" if not start else str(error).split(" '")[0].split(" <")[0][:200]
-    return PliantError(f"the picture cannot be read ({said})", path=path)
+    return PliantError(f"the {what} cannot be read ({said})", path=path)
 
 
 def _eight_bit(picture: Image.Image) -> Image.Image:

@@ -288,3 +288,8 @@ def test_depth_reaches_the_method(tmp_path: Path) -> None:
         np.save(tmp_path / "depth.npy", np.full((20, 40), value, np.float32))
         with pytest.raises(PliantError, match=said):
             read_frame(tmp_path / "a.png", depth=tmp_path / "depth.npy")
+    (tmp_path / "depth.npy").write_bytes((tmp_path / "depth.npy").read_bytes()[:100])
+    with pytest.raises(PliantError, match=r"depth\.npy: the depth image cannot be read \(EOF"):
+        read_frame(tmp_path / "a.png", depth=tmp_path / "depth.npy")
+    with pytest.raises(PliantError, match=r"depth\.npy: the mask cannot be read"):
+        read_frame(tmp_path / "a.png", mask=tmp_path / "depth.npy")
