@@ -201,6 +201,10 @@ class _Check:
 
     def modes(self, given: Any, count: int) -> list[Float32Array]:
         """Return the mixtures of all queries as float32 (M_i, 4)."""
+        try:
+            given = list(given)
+        except TypeError:
+            self.refuse_shape("modes", type(given).__name__, f"{count} arrays (M, 4)")
         rows = [_floats(row, self.method, self.where) for row in given]
         if len(rows) != count:
             self.refuse_shape("modes", len(rows), count)

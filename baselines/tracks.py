@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -68,8 +68,15 @@ def answer_tracks(
         for number, _ in wanted.get(start, ()):  # a frame paired with itself
             seen = masks and sequence[start].mask is not None
             results[number] = (Answers(pairs[number].uv_a_px.copy()), seen)
-        step = 0
-        for step, found in enumerate(matcher.track(views(), uv_px), start=1):
+        step, tracks = 0, matcher.track(views(), uv_px)
+        if not isinstance(tracks, Iterable):
+            raise SubmissionError(
+                f"the method {matcher.name!r} tracked no frames",
+                where=f"sequence {sequence.id}, frames {start} to {last}",
+                found=type(tracks).__name__,
+                required="one `Answers` for each frame after the first, yielded or in a list",
+            )
+        for step, found in enumerate(tracks, start=1):
             if step == len(frames):
                 break
             place = f"frame {sequence[frames[step]].key}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import numpy.typing as npt
@@ -105,7 +105,8 @@ def _facts(implementation: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _answer_by_track(tracker: TrackMatcher, pair: Pair) -> Answers | None:
-    return next(iter(tracker.track([pair.source, pair.target], pair.uv_a_px)), None)
+    tracks = tracker.track([pair.source, pair.target], pair.uv_a_px)
+    return next(iter(tracks), None) if isinstance(tracks, Iterable) else None
 
 
 def _fill(method: Any, attribute: str, value: object) -> None:

@@ -178,6 +178,7 @@ def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> Non
         ({"sigma_px": np.zeros}, "pair 0, sigma_px.*0.0 .*greater than 0"),
         ({"familiarity": lambda n: np.ones(2)}, r"pair 0, familiarity.*shape; found \(2,\)"),
         ({"modes": lambda n: []}, "pair 0, modes.*wrong shape"),
+        ({"modes": lambda n: 5}, r"pair 0, modes.*shape; found int; required: 20 arrays \(M, 4\)"),
         ({"modes": lambda n: [[(1, 2, 3)]] * n}, r"modes.*shape; found \(1, 3\).*\(M, 4\)"),
         ({"modes": lambda n: [np.zeros((0, 4))] * n}, "modes.*M from 1 to 64"),
         ({"modes": lambda n: [[(1, 2, -3, 1)]] * n}, "pair 0, modes, sigma.*-3.0 .*greater"),

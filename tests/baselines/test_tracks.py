@@ -96,6 +96,20 @@ def test_a_track_with_missing_answers_is_refused(pair: AskPair) -> None:
         answer_tracks(Forgetful(), [pair(0, 0, 2)])
 
 
+def test_a_track_that_is_none_is_refused(pair: AskPair, cards: Dataset) -> None:
+    class Without(Counter):
+        def track(self, views: Iterable[Frame], uv_px: Any) -> Any:
+            return None
+
+    class Alone:
+        track = Without.track
+
+    with pytest.raises(SubmissionError, match="'counter' tracked no frames; found NoneType"):
+        answer_tracks(Without(), [pair(0, 0, 2)])
+    with pytest.raises(SubmissionError, match="something else than answers; found NoneType"):
+        pliant.predict(cards, Alone())  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("left_out", "found"), [(2, "1"), (0, "more")])
 def test_a_track_of_other_frames_is_refused(pair: AskPair, left_out: int, found: str) -> None:
     """One stops a frame early; one also answers the frame that the points are in."""
