@@ -9,6 +9,7 @@ computed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
@@ -61,7 +62,8 @@ class CarriedPoints:
         self.name = CARRIED + matcher.name
         self._matcher = matcher
         self._flow = FlowChain("dis-chain") if flow else None
-        width, height = matcher.size
+        # The network takes any size, TimeCycle sides from 32 px of whole cells.
+        width, height = (max(32, math.ceil(side / 8) * 8) for side in matcher.size)
         if matcher.input.kind == "depth":
             raise CallError(
                 "this network has no picture input and cannot carry points", where=matcher.name

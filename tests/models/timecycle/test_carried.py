@@ -11,8 +11,10 @@ import pliant
 from pliant.baselines import Pair, TrackMatcher
 from pliant.baselines.matcher import SplitMatcher
 from pliant.loaders.views import surface_points
+from pliant.models.don.trainer import train_don
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from tests.models.tiny_runs import don
 
 FRAMES = 20
 
@@ -49,6 +51,17 @@ def test_pairs_are_answered_as_by_the_network(tiny_episode: Path) -> None:
         assert not isinstance(matcher, SplitMatcher)
         found.append(matcher.answer(pair).uv_px)
     np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_a_network_of_another_size_than_whole_cells(tiny_episode: Path, tmp_path: Path) -> None:
+    dataset = Dataset.open(tiny_episode)
+    train_don(dataset, tmp_path / "run", don("validation.split=test", "split=test"))  # 40x30
+    tracker = pliant.open_method(f"carried:{tmp_path / 'run'}")
+    assert isinstance(tracker, TrackMatcher)
+    start = np.array([[80.0, 60.0]], np.float32)
+    sequence = dataset.sequences[0]
+    (still,) = tracker.track((sequence[0], sequence[0]), start)
+    np.testing.assert_allclose(still.uv_px, start, atol=1)
 
 
 def test_only_networks_with_descriptors_carry_points() -> None:
