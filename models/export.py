@@ -18,6 +18,7 @@ from pliant.models.networks.ball_network import BALL
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
+    FINISH,
     Weights,
     read_progress,
     read_weights_file,
@@ -72,9 +73,9 @@ def export_run(
         `masks.safetensors`, `ball.safetensors`, `data.yaml` and `recipe.yaml`, and `CARD.md`.
 
     Raises:
-        CallError: The name cannot be used, the run is not a run or was trained on other data, a
-            report is of another run, or the model exists.
-        TrainingError: The run is not finished or damaged.
+        CallError: The name cannot be used, the run is not a run, not finished or was trained on
+            other data, a report is of another run, or the model exists.
+        TrainingError: The run has no validated weights, or is damaged.
     """
     if not _NAME.fullmatch(name):
         raise CallError(
@@ -84,7 +85,7 @@ def export_run(
         )
     matcher = load_matcher(run)  # it answers: config, weights and calibration fit
     if not (run / RUN_FACTS).is_file():
-        raise CallError("the run is not finished", path=run, required=RUN_FACTS)
+        raise CallError("the run is not finished", path=run, required=RUN_FACTS, fix=FINISH)
     folder = out / name
     if folder.exists() and not replace:
         raise CallError(

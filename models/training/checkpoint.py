@@ -25,6 +25,7 @@ from pliant.spec.io.writing import write_file
 
 CHECKPOINTS: Final = "checkpoints"
 BEST: Final = "best.safetensors"
+FINISH: Final = "Finish it: add --resume to the `pliant train` command that started it."
 _STATE: Final = "state.json"
 
 Weights = dict[str, torch.Tensor]
@@ -119,7 +120,7 @@ def best_weights(run: Path) -> Path:
     """
     if not (run / BEST).is_file():
         raise TrainingError(
-            "the run has no validated weights yet", path=run, fix="Train it longer first."
+            "the run has no validated weights yet", path=run, required=BEST, fix=FINISH
         )
     return run / BEST
 

@@ -275,7 +275,7 @@ def test_what_cannot_be_shipped_is_refused(
     begun.mkdir()
     for name in ("config.yaml", "best.safetensors"):
         (begun / name).write_bytes((trained / name).read_bytes())
-    with pytest.raises(CallError, match="not finished"):
+    with pytest.raises(CallError, match=r"not finished.*add --resume to the"):
         export_run(begun, "don", tmp_path, dataset)
     from pliant.evaluator.scores import read_scores
 
