@@ -257,8 +257,11 @@ def _problem(
             required += f" {unit}"
     elif kind == "extra_forbidden":
         known = list(_hint_at(cls, place[:-1]).model_fields)
-        message, found, fix = "unknown setting", None, did_you_mean(place[-1], known)
-        required = None if fix else "one of " + ", ".join(known)
+        name, colon, text = str(place[-1]).partition(":")  # in YAML, {a:1} is a name without value
+        message, found, fix = "unknown setting", None, did_you_mean(name, known)
+        required = None if fix or name in known else "one of " + ", ".join(known)
+        if colon and (name in known or not fix):
+            fix = f"Write a space after the colon: {name}: {text}"
     elif kind == "too_long" or (kind == "missing" and isinstance(place[-1], int)):
         place = [*place[:-1]] if kind == "missing" else place
         message = "the list has the wrong length"
