@@ -1,10 +1,12 @@
-"""Ctrl-C is for the process that trains, between two steps instead of within one."""
+"""Ctrl-C is for the process that trains, between two steps; a launcher does not leave it alone."""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
@@ -28,6 +30,18 @@ def interrupts_deferred() -> Iterator[None]:
             signal.signal(number, handler)
     if received:
         signal.raise_signal(received[0])
+
+
+def stop_with_launcher() -> None:
+    """Send this process SIGTERM once its parent has ended: a killed one stops no process itself."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import torch
 from torch import distributed, nn
 
+from pliant.models.training.interrupts import stop_with_launcher
+
 
 @dataclass(frozen=True)
 class Processes:
@@ -55,6 +57,8 @@ def joined_processes() -> Iterator[Processes]:
     if world == 1:
         yield Processes(0, 1, device)
         return
+    if "TORCHELASTIC_RUN_ID" in os.environ:  # started by torchrun
+        stop_with_launcher()
     distributed.init_process_group("nccl" if cuda else "gloo")
     try:
         yield Processes(rank, world, device)
