@@ -35,7 +35,8 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     from pliant.viewer.local_app import LocalServer
 
     names = [name.strip() for name in points.split(",") if name.strip()]
-    annotation = Annotation(folder, names, earlier_marks(folder))
+    earlier, marks = earlier_marks(folder)
+    annotation = Annotation(folder, [*names, *earlier], marks)
     suggester = None
     if method is not None:
         suggester = Suggester(annotation, open_photo_method(method))
@@ -50,8 +51,8 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     )
 
 
-def earlier_marks(folder: Path) -> Marks:
-    """Return the marks of a folder's `annotations.csv`; empty where there is none.
+def earlier_marks(folder: Path) -> tuple[list[str], Marks]:
+    """Return the points and marks of a folder's `annotations.csv`; empty where there is none.
 
     Raises:
         SpecError: A row is damaged, or names a picture that is not there.
@@ -61,7 +62,9 @@ def earlier_marks(folder: Path) -> Marks:
 
     marks: Marks = {}
     path = folder / ANNOTATIONS_CSV
-    if path.exists():
-        for (picture, point), mark in collect_marks(path).marks.items():
-            marks.setdefault(picture.relative_to(folder).as_posix(), {})[point] = mark
-    return marks
+    if not path.exists():
+        return [], marks
+    found = collect_marks(path)
+    for (picture, point), mark in found.marks.items():
+        marks.setdefault(picture.relative_to(folder).as_posix(), {})[point] = mark
+    return list(found.points), marks

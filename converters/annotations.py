@@ -58,16 +58,36 @@ class Collector:
 
     Attributes:
         marks: (picture, point) -> mark.
+        points: Names of the points, marked or not.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._pictures: dict[Path, None] = {}
         self.marks: dict[tuple[Path, str], Mark] = {}
+        self.points: dict[str, None] = {}
 
     def add_picture(self, picture: Path) -> None:
         """Add a picture, marked or not."""
         self._pictures[picture] = None
+
+    def add_point(self, point: str, where: str) -> None:
+        """Add a point, marked or not.
+
+        Raises:
+            SpecError: It has no name, or one that cannot be printed.
+        """
+        if not point.strip():
+            raise SpecError("the point has no name", path=self.path, where=where)
+        if not point.isprintable():
+            raise SpecError(
+                "the name of a point has characters that cannot be printed",
+                path=self.path,
+                where=where,
+                found=repr(point)[:80],
+                fix="Rename the point.",
+            )
+        self.points[point] = None
 
     def add(self, picture: Path, point: str, mark: Mark, where: str) -> None:
         """Add a mark.
@@ -81,16 +101,7 @@ class Collector:
         Raises:
             SpecError: The point is marked there already, or its name cannot be printed.
         """
-        if not point.strip():
-            raise SpecError("the point has no name", path=self.path, where=where)
-        if not point.isprintable():
-            raise SpecError(
-                "the name of a point has characters that cannot be printed",
-                path=self.path,
-                where=where,
-                found=repr(point)[:80],
-                fix="Rename the point.",
-            )
+        self.add_point(point, where)
         if (picture, point) in self.marks:
             raise SpecError(
                 f"the point {point!r} is marked twice in {picture.name}",

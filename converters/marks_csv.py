@@ -2,7 +2,8 @@
 
 x and y are pixels from the upper-left corner of the picture as viewers show it, so that the centre
 of the first pixel is at (0.5, 0.5). `source` is `marked` (also where the column is missing),
-`suggested` by a method, or `confirmed`. `pliant annotate` writes this file.
+`suggested` by a method, or `confirmed`. A row with a point alone names one that is not marked yet.
+`pliant annotate` writes this file.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ def collect_marks(path: Path) -> Collector:
     """
     marks = Collector(path)
     for where, row in read_rows(path, COLUMNS[:5], COLUMNS[5:]):
+        if not any(text for column, text in row.items() if column != "point"):
+            marks.add_point(row["point"], where)
+            continue
         picture = picture_in(path.parent, row["picture"], path, f"{where}, picture")
         if row["visible"].lower() not in _VISIBLE:
             raise SpecError(

@@ -120,7 +120,7 @@ class Annotation:
         sizes = dict(zip((p.name for p in self.pictures), self.sizes, strict=True))
         try:
             revision = document.get("revision", self.revision)
-            points = [str(point).strip() for point in document["points"]]
+            points = [_name(point) for point in document["points"]]
             marks = {
                 picture: {
                     point: _checked(mark, picture, sizes[picture], points, point)
@@ -150,12 +150,23 @@ class Annotation:
                     x, y, visible, source = _listed(own[point])
                     shown = ["" if each is None else f"{each:.3f}" for each in (x, y)]
                     rows.writerow([picture.name, point, *shown, int(visible), source])
+        marked = set(chain(*self.marks.values()))
+        for point in self.points:
+            if point not in marked:  # the next start shows it again
+                rows.writerow(["", point, *[""] * (len(COLUMNS) - 2)])
         write_file(self.path, text.getvalue())
 
     def count(self, source: str | None = None) -> int:
         """Return the number of marks, or of those of one source."""
         marks = [mark for own in self.marks.values() for mark in own.values()]
         return sum(source in (None, mark.source) for mark in marks)
+
+
+def _name(point: Any) -> str:
+    name = str(point).strip()
+    if not name or not name.isprintable():
+        raise ValueError(f"point {name!r}")
+    return name
 
 
 def _listed(mark: Mark) -> tuple[float | None, float | None, bool, str]:
@@ -178,7 +189,7 @@ def _checked(
     mark: Any, picture: str, size: tuple[int, int], points: Sequence[str], point: str
 ) -> Mark:
     x, y, visible, source = mark
-    if point not in points or not point.isprintable() or not point or not isinstance(visible, bool):
+    if point not in points or not isinstance(visible, bool):
         raise ValueError(f"point {point!r}")
     source = mark_source(source)
     if x is None and y is None and not visible:
