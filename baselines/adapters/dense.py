@@ -14,6 +14,7 @@ from pliant.baselines.adapters.images import (
     as_probability,
     cell_centres,
     function_name,
+    in_two,
     sample,
 )
 from pliant.spec.answers import Answers
@@ -55,10 +56,8 @@ class DenseMatcher:
         source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         images = self._images
         found = self._function(images.image(source), images.image(target))
-        confidence = None
-        if isinstance(found, tuple):
-            found, confidence = found
-        grid = as_grid(found, 2, self.name)
+        mapped, confidence = in_two(found, self.name)
+        grid = as_grid(mapped, 2, self.name)
         position = self._target_px(grid, source, target)
         size, target_size = source.rgb.shape[1::-1], target.rgb.shape[1::-1]
         moved = position - cell_centres(grid.shape, target_size)  # a border extrapolates as a shift

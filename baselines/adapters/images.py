@@ -123,6 +123,23 @@ def function_name(function: Callable[..., Any]) -> str:
     return str(getattr(function, "__name__", type(function).__name__))
 
 
+def in_two(found: Any, method: str) -> tuple[Any, Any]:
+    """Return what a function gave, and the second part if it gave a tuple, else None.
+
+    Raises:
+        SubmissionError: The tuple has another number of parts.
+    """
+    if not isinstance(found, tuple):
+        return found, None
+    if len(found) != 2:
+        raise SubmissionError(
+            f"the method {method!r} returned a tuple of another length",
+            found=len(found),
+            required="one array, or two: positions, and a confidence or visibility",
+        )
+    return found
+
+
 def as_grid(
     values: Any, channels: int | None, method: str, sizes: Sequence[npt.ArrayLike] = ()
 ) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import Images, as_probability, function_name
+from pliant.baselines.adapters.images import Images, as_probability, function_name, in_two
 from pliant.baselines.answers import to_array
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import Float32Array
@@ -98,8 +98,8 @@ class TrackerMatcher:
         self, frames: Any, points: Float32Array
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
         found = self._function(frames, points)
-        given = found if isinstance(found, tuple) else (found, None)
-        tracks = to_array(given[0])
+        tracked, seen = in_two(found, self.name)
+        tracks = to_array(tracked)
         shape = (len(frames), len(points))
         if tracks.size != 2 * shape[0] * shape[1] or tracks.shape[-3:] != (*shape, 2):
             raise SubmissionError(
@@ -107,7 +107,7 @@ class TrackerMatcher:
                 found=f"shape {tracks.shape}",
                 required=f"{(*shape, 2)}, for {shape[0]} frames and {shape[1]} points",
             )
-        visible = None if given[1] is None else to_array(given[1]).astype(np.float64)
+        visible = None if seen is None else to_array(seen).astype(np.float64)
         if visible is not None and visible.squeeze().shape != tracks[..., 0].squeeze().shape:
             raise SubmissionError(
                 f"the method {self.name!r} returned no visibility of its tracks",

@@ -79,6 +79,9 @@ def test_wrong_shape_is_one_sentence(motion: Motion) -> None:
     method = from_flow(lambda source, target: np.zeros((200, 240, 3)), name="mine")
     with pytest.raises(SubmissionError, match=r"'mine' returned no map; found shape \(200, 240, 3"):
         method.answer(motion.pair)
+    of_three = from_flow(lambda source, target: (1, 2, 3), name="mine")
+    with pytest.raises(SubmissionError, match=r"'mine' returned a tuple of another .*; found 3"):
+        of_three.answer(motion.pair)
 
 
 @pytest.mark.parametrize(("confidence", "visible"), [(1.0004, 1), (-0.0004, 0), (7, 7), (-1, -1)])

@@ -88,6 +88,7 @@ def test_wrong_shapes_and_settings_are_one_sentence(motion: Motion) -> None:
             lambda frames, points: points,
             r"no tracks; found shape \(60, 2\); required: \(2, 60, 2\)",
         ),
+        (lambda frames, points: (points,), r"a tuple of another length; found 1; required: one"),
         (lambda frames, points: (walk(frames, points), [1.0]), r"no visibility.*\(2, 60\)"),
         (
             lambda frames, points: (walk(frames, points), np.ones((len(points), len(frames)))),
