@@ -103,7 +103,7 @@ def read_source(
         notes.append(
             f"The pictures differ in size: {least['name']} covers "
             f"{covered / (width * height):.1%} of the canvas of {width}x{height} px, and the rest "
-            "is black. --size WxH fits them into one size."
+            "is black." + ("" if options.size else " --size WxH fits them into one size.")
         )
     return Source([clip], "rope", "pairs", facts, notes)
 

@@ -96,8 +96,12 @@ def test_a_picture_that_is_small_on_the_canvas_is_named(
     Image.new("RGB", (800, 600)).save(photos / "ç.webp")
     _, said, _ = called("import", photos, "--out", tmp_path / "out")
     assert note in said
+    assert "--size WxH fits them" in said
     _, said, _ = called("import", photos, "--out", tmp_path / "fitted", "--size", "80x60")
     assert "canvas" not in said
+    _, said, _ = called("import", photos, "--out", tmp_path / "strip", "--size", "800x60")
+    assert "of the canvas of 800x60 px, and the rest is black." in said
+    assert "--size WxH fits them" not in said
 
 
 def test_a_position_beyond_all_answers_is_not_known(photos: Path, tmp_path: Path) -> None:
