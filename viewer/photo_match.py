@@ -13,7 +13,7 @@ from pliant.baselines.answers import checked_answers, checked_heat, placed_error
 from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, RemarkingMatcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.arrays import FloatArray
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Frame, Pair
 
 _LEAST_SIDE_PX: Final = 16
@@ -175,7 +175,7 @@ def match_photo(
 
     Raises:
         CallError: A pixel is outside the source picture or its mask.
-        SubmissionError: The method gave something else than answers or a heat map.
+        SubmissionError: The method gave something else than answers, a heat map or remarks.
     """
     views = [np.array(view.rgb.shape[1::-1], np.float64) for view in (source, target)]
     whole = [np.array(size, np.float64) for size in sizes or views]
@@ -206,10 +206,23 @@ def match_photo(
     ]
     near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
     blank = _blank(source, target, [bool((scale > 1).any()) for scale in (scale_a, scale_b)])
-    remarks = matcher.remarks(source, target) if isinstance(matcher, RemarkingMatcher) else []
-    remarks = [*remarks, *_beside_object(matcher, source, uv_a_px)]
+    remarks = [*_remarks(matcher, source, target), *_beside_object(matcher, source, uv_a_px)]
     notes = _found(matcher, {"source": source, "target": target})
     return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks, notes)
+
+
+def _remarks(matcher: Matcher, source: Frame, target: Frame) -> list[str]:
+    """Return what a method remarks on two pictures."""
+    if not isinstance(matcher, RemarkingMatcher):
+        return []
+    found = matcher.remarks(source, target)
+    if not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+        raise SubmissionError(
+            f"the method {matcher.name!r} returned no list of remarks",
+            found=type(found).__name__,
+            required="a list of sentences, empty if there are none",
+        )
+    return found
 
 
 @runtime_checkable

@@ -51,6 +51,17 @@ def test_turned_card_is_found() -> None:
     assert document["visible"] is None
 
 
+@pytest.mark.parametrize("said", [None, "one sentence", [3]])
+def test_remarks_that_are_no_sentences_are_refused(said: Any) -> None:
+    class Remarking(Identity):
+        def remarks(self, source: Frame, target: Frame) -> Any:
+            return said
+
+    view = card_view(Similarity())
+    with pytest.raises(SubmissionError, match="'identity' returned no list of remarks; found"):
+        match_photo(Remarking(), view, view, [(120, 100)])
+
+
 @pytest.mark.parametrize("shapes", [((17, 2000), (2000, 17)), ((17, 2000), (17, 2000))])
 def test_a_strip_does_not_make_the_figure_one(
     shapes: tuple[tuple[int, int], ...], tmp_path: Path
