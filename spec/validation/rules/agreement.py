@@ -151,7 +151,7 @@ def _check_depth(measured: Measured, problems: FileProblems) -> bool:
     distance = 2 * np.abs(relative - middle)
     bend = float(np.median(measured.bend_depth))
     if _median_over(distance, DEPTH_SCATTER + 1.5 * explained + bend) or _median_over(
-        measured.noise_depth, NOISE + 4 * bend
+        measured.noise_depth, NOISE + 1.5 * explained + 4 * bend
     ):
         size = 1e3 * float(np.median(np.abs(residual - np.median(residual))))
         problems.add(

@@ -33,7 +33,7 @@ import numpy.typing as npt
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import OCCLUDED, OUT_OF_FRAME, SELF_OCCLUDED, VISIBLE
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.windows import THIN, SoundFrame, Windows, is_thin
+from pliant.spec.validation.rules.windows import ENOUGH, SoundFrame, Windows, edge_on, is_thin
 
 MATCH = 3.0
 """How far a point may be from a pixel that shows it, in pixel footprints."""
@@ -86,11 +86,11 @@ def check_visibility(view: SoundFrame, problems: FileProblems) -> bool:
         return True
     seen = chosen[rows.state[chosen] == VISIBLE]
     own = view.own(seen)
-    edge_on = _edge_on(own, rows.uv_px[seen])
+    strips = edge_on(own, rows.uv_px[seen])
     thin = is_thin(view.diameter_m(own), rows.depth_m[seen] / view.focal_px)
-    count = int(np.count_nonzero(~thin & ~np.isin(own, edge_on)))
-    places = places[~np.isin(places[:, 0], edge_on)]
-    if count < 8 or len(places) <= (1 - LOOSE_SHARE) * count:
+    count = int(np.count_nonzero(~thin & ~np.isin(own, strips)))
+    places = places[~np.isin(places[:, 0], strips)]
+    if count < ENOUGH or len(places) <= (1 - LOOSE_SHARE) * count:
         return True
     where = f"frame {rows.frame}"
     # Where depth fits, it is not the depth image's Z that is wrong.
@@ -210,6 +210,7 @@ def _report_hidden(windows: Windows, problems: FileProblems) -> None:
         with np.errstate(invalid="ignore"):
             bends = np.abs(np.diff(lines.reshape(-1, 2, 5), n=2)).max(axis=(1, 2))
         surely &= bends <= BEND * windows.footprint_m
+        surely &= windows.resolved(hidden & windows.smooth & surely)
     problems.add_rows(
         "OCCLUDED_DISAGREES",
         hidden & (nearer | (windows.smooth & surely) | misnamed | nobody),
@@ -247,21 +248,4 @@ def _on_slope(
         deep, wide = (high - low for high, low in zip(highs, lows, strict=True))
         found: npt.NDArray[np.bool_] = same.any(axis=(1, 2)) & (highs[0] >= -above_m - deep)
         found &= (lows[0] <= below_m + deep) & (lows[1] <= below_m + wide)
-    return found
-
-
-def _edge_on(own: npt.NDArray[np.int32], uv_px: FloatArray) -> list[int]:
-    """Return the objects whose points all project to a strip narrower than `THIN` pixels.
-
-    Args:
-        own: int32 (N,), the objects of visible points.
-        uv_px: float64 (N, 2).
-    """
-    found = []
-    for object_id in np.unique(own):
-        uv = uv_px[own == object_id]
-        # The width of an even strip is the square root of 12 times its variance.
-        variance = np.linalg.eigvalsh(np.cov(uv.T, bias=True))[0]
-        if 12 * variance < THIN**2:
-            found.append(int(object_id))
     return found

@@ -95,6 +95,8 @@ def test_the_doubt_of_a_median() -> None:
         ({"noise_depth": 0.1001}, "DEPTH_IMAGE_SCATTERS"),
         ({"noise_depth": 0.1799, "bend_depth": 0.02}, None),
         ({"noise_depth": 0.1801, "bend_depth": 0.02}, "DEPTH_IMAGE_SCATTERS"),
+        ({"noise_depth": 0.1299, "error_px": 0.02}, None),
+        ({"noise_depth": 0.1301, "error_px": 0.02}, "DEPTH_IMAGE_SCATTERS"),
         ({"metres": (1.499, 0.5 / 2.999)}, None),
         ({"metres": (1.501, 0.5)}, "SCALE_DISAGREES"),
         ({"metres": (0.5, 0.5 / 3.001)}, "SCALE_DISAGREES"),
