@@ -20,7 +20,7 @@ from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.files import SequenceFiles
-from pliant.spec.validation.rules.precision import GREY, coarse_form
+from pliant.spec.validation.rules.precision import GREY, JPEG, coarse_form
 from pliant.spec.validation.rules.result import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.surfaces import ShownSurface
 from pliant.spec.validation.rules.windows import SoundFrame
@@ -161,6 +161,8 @@ class Evidence:
     def _check_coarse(self, info: dict[str, Any], problems: FileProblems) -> None:
         for form, frames in self.coarse.items():
             if form == GREY and info["style"] not in _IN_COLOUR:
+                continue
+            if form == JPEG and (info["noise"] or {}).get("jpeg_quality"):
                 continue
             if 2 * len(frames) > self.looked:
                 problems.diagnose("COLOUR_LOST", f"the pictures {form}")

@@ -62,6 +62,7 @@ MIN_DETAIL: Final = 0.25
 """Mean difference of neighbours from which a picture has detail, grey levels."""
 
 GREY: Final = "are grey: red, green and blue are equal"
+JPEG: Final = "have the blocks of strong JPEG compression"
 _GREY: Final = np.array([0.299, 0.587, 0.114])
 
 

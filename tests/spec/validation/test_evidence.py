@@ -18,6 +18,7 @@ from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
+from pliant.spec.validation.rules.precision import JPEG
 from tests.conformance.base import TIERS
 from tests.spec.validation.world import SIZE, rows_at, shown
 
@@ -138,6 +139,13 @@ def test_grey_pictures() -> None:
     evidence = Evidence(1)
     evidence.add_picture(0, half)
     assert "half the size" in conclude(evidence, style="external")["COLOUR_LOST"]
+
+
+def test_compression_that_the_noise_states_is_no_fault() -> None:
+    evidence = Evidence(2, coarse={JPEG: [0, 1]}, looked=2)
+    for noise in (None, {"gaussian": [0, 3]}, {"jpeg_quality": None}):
+        assert "JPEG" in conclude(evidence, noise=noise)["COLOUR_LOST"]
+    assert conclude(evidence, noise={"jpeg_quality": [85, 95]}) == {}
 
 
 @pytest.mark.parametrize(
