@@ -29,7 +29,7 @@ PRECISION_FRAMES = 2
 """Frames of a sequence whose values are looked at for a coarser format."""
 
 MIN_SHOWN = 50
-"""Pixels of objects from which a picture of one colour is wrong."""
+"""Pixels of objects from which a picture of one colour, or of two frames, is wrong."""
 
 MOVED_PX = 2.0
 """Points that move farther cannot have one and the same picture."""
@@ -82,8 +82,10 @@ class Evidence:
         """Note a frame's surface image: where nothing is seen, pictures may be empty and equal."""
         if not surface.count:
             self.keys.depths.pop(frame, None)
-        if frame in self.blank and surface.count < MIN_SHOWN:
-            self.blank.remove(frame)
+        if surface.count < MIN_SHOWN:
+            self.keys.pictures.pop(frame, None)
+            if frame in self.blank:
+                self.blank.remove(frame)
 
     def add_rows(self, camera: Camera, rows: FrameRows) -> None:
         """Note the rows of a frame."""

@@ -106,8 +106,10 @@ def test_pictures_are_known_by_every_fourth_row() -> None:
 def test_pictures_in_which_little_is_seen_may_be_empty_or_equal() -> None:
     evidence = Evidence(3, blank=[0, 1, 2])
     evidence.keys.depths = {0: 7, 1: 7, 2: 7}
+    evidence.keys.pictures = {0: 5, 1: 5, 2: 5}
     for frame, count in enumerate((0, 49, 50)):
         evidence.add_shown(frame, shown(np.arange(200) < count))
+    assert evidence.keys.pictures == {2: 5}
     assert evidence.blank == [2]
     assert evidence.keys.depths == {1: 7, 2: 7}
 
