@@ -195,25 +195,26 @@ def _report_hidden(windows: Windows, problems: FileProblems) -> None:
     misnamed = hidden & ~itself & (centre != 0)
     misnamed &= (self_hidden & (centre != own)) | (covered & (centre == own))
     misnamed &= windows.behind(misnamed)
-    others = (windows.object_id != own[:, None, None]) & (windows.object_id != 0)
-    alone = covered & ~others.any(axis=(1, 2))
-    by_others = windows.seen_nearby(alone | (nearer & covered), others=True)
-    nobody = alone & ~by_others
-    nearer &= ~by_others
     surely = np.zeros(len(own), np.bool_)
     if windows.view.tier.kind == "cloth":
         close = (SURE * windows.footprint_m)[:, None, None]
         away = np.sqrt((windows.steps_m**2).sum(axis=-1))
         deep = np.abs(near - depth[:, None, None])
-        surely = np.any((away <= close) & (deep <= close), axis=(1, 2))
+        surely = hidden & windows.smooth & np.any((away <= close) & (deep <= close), axis=(1, 2))
         lines = np.concatenate([windows.depth_m[:, 2, :], windows.depth_m[:, :, 2]], axis=1)
         with np.errstate(invalid="ignore"):
             bends = np.abs(np.diff(lines.reshape(-1, 2, 5), n=2)).max(axis=(1, 2))
         surely &= bends <= BEND * windows.footprint_m
-        surely &= windows.resolved(hidden & windows.smooth & surely)
+        surely &= windows.resolved(surely)
+    others = (windows.object_id != own[:, None, None]) & (windows.object_id != 0)
+    nobody = covered & ~others.any(axis=(1, 2))
+    # What is thinner than a pixel may hide a point between pixels that do not show it.
+    every = [each.id for each in windows.view.tier.objects]
+    by_others = windows.others_nearby(nobody | ((nearer | surely) & covered), every)
+    misnamed &= ~windows.others_nearby(misnamed & covered, windows.view.unknown)
     problems.add_rows(
         "OCCLUDED_DISAGREES",
-        hidden & (nearer | (windows.smooth & surely) | misnamed | nobody),
+        ((nearer | surely | nobody) & ~by_others) | misnamed,
         lambda i: (
             rows.where(windows.chosen[i]),
             f"hidden by {'its own' if state[i] == SELF_OCCLUDED else 'another'} object at depth "

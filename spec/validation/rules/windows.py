@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -93,11 +94,15 @@ class SoundFrame:
         return [each for each in strips if counts[each] >= ENOUGH]
 
     @cached_property
+    def unknown(self) -> list[int]:
+        """Objects without points, which may be cables of any width."""
+        return sorted({each.id for each in self.tier.objects} - set(self.points.object_id.tolist()))
+
+    @cached_property
     def barely_seen(self) -> list[int]:
-        """Objects without points, of any shape, of which this frame shows a few pixels or none."""
-        ids = {each.id for each in self.tier.objects} - set(self.points.object_id.tolist())
+        """Objects without points of which this frame shows a few pixels or none."""
         shown = self.surface.image.object_id
-        return [each for each in ids if np.count_nonzero(shown == each) < NEARBY]
+        return [each for each in self.unknown if np.count_nonzero(shown == each) < NEARBY]
 
     def steps_m(self, chosen: npt.NDArray[np.int64], index: npt.NDArray[np.int64]) -> FloatArray:
         """Return how far the material of some pixels is from that of some points.
@@ -248,30 +253,43 @@ class Windows:
         thin = is_thin(self.view.diameter_m(own), self.footprint_m)
         return thin | np.isin(own, [*self.view.narrow, *self.view.barely_seen])
 
-    def seen_nearby(
-        self, which: npt.NDArray[np.bool_], *, others: bool = False
-    ) -> npt.NDArray[np.bool_]:
-        """Return which points have an object within `NEARBY` pixels, or one that pixels may miss.
+    def seen_nearby(self, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return which points have a pixel of their own object within `NEARBY` pixels.
 
         Args:
             which: bool (N,), the points to look at; False for all others.
-            others: Look for any other object than the point's own.
+        """
+        found = np.zeros(len(self.own), np.bool_)
+        for index in np.flatnonzero(which):
+            found[index] = np.any(self._around(index) == self.own[index])
+        return found
+
+    def others_nearby(
+        self, which: npt.NDArray[np.bool_], others: Sequence[int]
+    ) -> npt.NDArray[np.bool_]:
+        """Return which points have other objects within `NEARBY` pixels, or that pixels may miss.
+
+        Args:
+            which: bool (N,), the points to look at; False for all others.
+            others: The objects to look for, apart from the point's own.
         """
         found = np.zeros(len(self.own), np.bool_)
         if not which.any():
             return found
-        if others:
-            for each in self.view.tier.objects:
-                name = np.full(len(self.own), each.id, np.int32)
-                found |= which & (self.own != each.id) & self.thin(name)
+        for each in others:
+            name = np.full(len(self.own), each, np.int32)
+            found |= which & (self.own != each) & self.thin(name)
         for index in np.flatnonzero(which & ~found):
-            u, v = self.pixel[index]
-            around = self.view.surface.image.object_id[
-                max(v - NEARBY, 0) : v + NEARBY + 1, max(u - NEARBY, 0) : u + NEARBY + 1
-            ]
-            mine = around == self.own[index]
-            found[index] = np.any(~mine & (around != 0)) if others else mine.any()
+            around = self._around(index)
+            found[index] = np.any(np.isin(around, others) & (around != self.own[index]))
         return found
+
+    def _around(self, index: np.intp) -> npt.NDArray[np.uint32]:
+        """Return the object ids up to `NEARBY` pixels from a point."""
+        u, v = self.pixel[index]
+        return self.view.surface.image.object_id[
+            max(v - NEARBY, 0) : v + NEARBY + 1, max(u - NEARBY, 0) : u + NEARBY + 1
+        ]
 
 
 def is_thin(diameter_m: FloatArray, footprint_m: FloatArray) -> npt.NDArray[np.bool_]:

@@ -40,8 +40,17 @@ def image(**changes: Any) -> Surface:
 CAMERA = Camera(np.array([[100.0, 0, 30], [0, 100, 25], [0, 0, 1]]), np.eye(4), (WIDTH, HEIGHT))
 
 
-def codes(shown: Surface, points: list[dict[str, Any]], of: Tier = CLOTH) -> dict[str, int]:
+KNOWN: list[dict[str, Any]] = [
+    {"at": (-9.5, -9.5), "state": OUT_OF_FRAME, "object": each} for each in (SHEET, ROPE)
+]
+"""An object with a point has a known shape."""
+
+
+def codes(
+    shown: Surface, points: list[dict[str, Any]], of: Tier = CLOTH, *, known: bool = True
+) -> dict[str, int]:
     findings = Findings()
+    points = [*points, *KNOWN] if known else points
     check_visibility(view(of, CAMERA, shown, points), findings.at("table"))
     return findings.counts
 
