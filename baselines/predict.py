@@ -26,6 +26,7 @@ from pliant.baselines.submission_file import (
     write_matches,
 )
 from pliant.spec.answers import Answers, Matches
+from pliant.spec.calls import PATH, check_type
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.progress import Progress
@@ -90,6 +91,7 @@ class SplitAnswers:
         Raises:
             CallError: The file cannot be written there.
         """
+        check_type("out", out, PATH, required="the path of a Parquet file")
         write_answers(out, self.dataset, self.split, self.keys, self.answers, self.method)
         return Path(out)
 

@@ -15,7 +15,7 @@ from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.parquet import read_footer, write_table
-from pliant.spec.io.writing import require_folder
+from pliant.spec.io.writing import cannot_write, require_folder
 from pliant.spec.tables import ANSWERS_OPTIONAL
 from pliant.spec.text import name_fault
 
@@ -231,7 +231,11 @@ def check_writable(path: Path | str) -> None:
     """
     path = Path(path)
     require_folder(path.parent)
-    if path.exists() and not _is_submission(path):
+    try:
+        exists = path.exists()
+    except OSError as error:  # the name is too long, or a folder above cannot be searched
+        raise cannot_write(path, error) from error
+    if exists and not _is_submission(path):
         raise CallError(
             "the file exists, is not a submission, and is not replaced",
             path=path,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,8 +12,24 @@ import click
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-PATH: Final = click.Path(path_type=Path)
-FILE: Final = click.Path(path_type=Path, dir_okay=False)
+
+class LocalPath(click.Path):
+    """A path on this machine; a URL, in which `Path` would merge slashes, is refused."""
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:
+        """Return the value as a `Path`."""
+        if "://" in str(value):
+            self.fail(f"{str(value)!r} is a URL; required: a path on this machine", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH: Final = LocalPath(path_type=Path)
+FILE: Final = LocalPath(path_type=Path, dir_okay=False)
 
 
 def set_option(example: str) -> Callable[[F], F]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Mapping
 from functools import partial
@@ -46,6 +47,7 @@ def load(source: Dataset | Path | str) -> Dataset:
             are read.
 
     Raises:
+        CallError: The folder does not exist.
         SpecError: It is not a dataset, or its version cannot be read.
         MissingExtraError: A URL or Hub id, and the extra `publish` is not installed.
 
@@ -64,7 +66,7 @@ def load(source: Dataset | Path | str) -> Dataset:
         from pliant.generator.simulated import SimulatedDataset
 
         return SimulatedDataset.of(Path(text))
-    if "://" not in text and not Path(text).exists() and _HUB_ID.fullmatch(text):
+    if "://" not in text and not os.path.exists(text) and _HUB_ID.fullmatch(text):
         return _from_hub(text)
     return Dataset.open(source)
 
@@ -200,7 +202,7 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
                 fix=f"Write ./{method} for the run, or call from another folder for the model.",
             )
         return load_shipped(method, **options)
-    if method.strip() and Path(method).is_dir():
+    if method.strip() and os.path.isdir(method):
         return load_matcher(Path(method), **options)
     names = (*METHODS, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)
@@ -362,5 +364,5 @@ def validate(dataset: Dataset | Path | str, *, workers: int = 1) -> Report:
     check_type("dataset", dataset, (Dataset, *PATH), required="a folder or a Dataset")
     check_whole("workers", workers, 1)
     return validate_folder(
-        dataset.root if isinstance(dataset, Dataset) else dataset, workers=workers
+        dataset.address if isinstance(dataset, Dataset) else dataset, workers=workers
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,16 @@ SAMPLE: Final = Path(__file__).parent / "sample"
 def sample_or(root: Path | str) -> Path | str:
     """Return the small dataset of the package for `sample`, if no such folder exists."""
     return SAMPLE if str(root) == SAMPLE_NAME and not Path(root).exists() else root
+
+
+def require_dataset_folder(root: Path | str) -> None:
+    """Refuse what is not a folder of this machine.
+
+    Raises:
+        CallError: It is not.
+    """
+    if not os.path.isdir(root):  # unlike Path.is_dir, False of a name that is too long
+        raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
 
 
 _LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
@@ -87,6 +98,7 @@ class Dataset:
                 `sample`, where no such folder exists, is the small dataset of the package.
 
         Raises:
+            CallError: The folder does not exist.
             SpecError: It is not a dataset, a private half, of another major version, or its two top
                 files are damaged. (`pliant validate` lists everything that is wrong.)
             MissingExtraError: A URL, and fsspec is not installed.
@@ -94,6 +106,8 @@ class Dataset:
         root = sample_or(root)
         files: Files
         files = storage = storage_of(root)
+        if isinstance(storage, LocalFiles):
+            require_dataset_folder(root)
         if not storage.has(layout.DATASET_JSON):
             raise SpecError(
                 "this is not a Pliant dataset",
@@ -161,7 +175,7 @@ class Dataset:
         listing = self.listing.set_column(place, "shape", known)
         return replace(self, listing=listing, files=files)
 
-    def with_truth(self, path: Path) -> Dataset:
+    def with_truth(self, path: Path | str) -> Dataset:
         """Return this dataset with truth that is next to it.
 
         Args:
@@ -172,7 +186,8 @@ class Dataset:
             CallError: The file or folder is missing.
             SpecError: It cannot be read, or is not the truth of this dataset's queries.
         """
-        if not path.exists():
+        path = Path(path)
+        if not os.path.exists(path):
             raise CallError(
                 "truth not found",
                 path=path,

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.calls import check_whole
 from pliant.spec.camera import Camera
-from pliant.spec.errors import CallError, SpecError
+from pliant.spec.errors import SpecError
 from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.jsonfiles import read_json
@@ -207,13 +208,7 @@ class SequenceRecord:
         return count
 
     def _check(self, frame: int) -> None:
-        if not 0 <= frame < self.frames:
-            raise CallError(
-                "the sequence has no such frame",
-                where=self.id,
-                found=frame,
-                required=f"0 to {self.frames - 1}",
-            )
+        check_whole(f"{self.id}, frame", frame, 0, self.frames - 1)
 
 
 def _in_order(table: pa.Table, frames: range, path: AnyFile) -> pa.Table:

@@ -31,9 +31,11 @@ Call = Callable[[Any, Any], object]
 
 CALLS: dict[str, tuple[Call, str]] = {
     "load(None)": (lambda ds, _: pliant.load(None), "dataset: .*None.*a folder, a URL"),
-    "load(missing)": (lambda ds, _: pliant.load("/nope"), "not a Pliant dataset"),
+    "load(missing)": (lambda ds, _: pliant.load("/nope"), "^/nope: folder not found"),
+    "load of a long name": (lambda ds, _: pliant.load("n" * 5000), "n: folder not found"),
+    "load of a long Hub id": (lambda ds, _: pliant.load(f"a/{'n' * 300}"), "folder .*not found"),
     "predict without method": (lambda ds, _: pliant.predict(ds, None), "not a method"),
-    "predict swapped": (lambda ds, _: pliant.predict("identity", ds), "not a Pliant dataset"),
+    "predict swapped": (lambda ds, _: pliant.predict("identity", ds), "folder not found"),
     "predict of a sequence": (lambda ds, _: pliant.predict(ds[0], "identity"), "SequenceRecord"),
     "predict split 3": (lambda ds, _: pliant.predict(ds, "identity", 3), "split: .*str"),
     "predict split tets": (lambda ds, _: pliant.predict(ds, "identity", "tets"), "val or test"),
@@ -47,6 +49,12 @@ CALLS: dict[str, tuple[Call, str]] = {
         "progress: .*function",
     ),
     "predict with a class": (lambda ds, _: pliant.predict(ds, object), "this is a class"),
+    "write(None)": (lambda ds, _: pliant.predict(ds, "identity").write(None), "out: .*None"),
+    "write of a long name": (
+        lambda ds, _: pliant.predict(ds, "identity").write("n" * 300),
+        "the file cannot be written; found File name too long",
+    ),
+    "open_method of a long name": (lambda ds, _: pliant.open_method("n" * 300), "no method"),
     "open_method(None)": (lambda ds, _: pliant.open_method(None), "method: .*name of a method"),
     "open_method option": (lambda ds, _: pliant.open_method("random", sed=3), "options seed"),
     "open_method value": (lambda ds, _: pliant.open_method("random", seed="x"), "seed: .*'x'"),
@@ -65,6 +73,14 @@ CALLS: dict[str, tuple[Call, str]] = {
         r"allow_missing: .*found 'yes' \(str\); required: bool",
     ),
     "validate(None)": (lambda ds, _: pliant.validate(None), "a folder or a Dataset"),
+    "validate of a URL": (
+        lambda ds, _: pliant.validate("https://a.b/c"),
+        "^https://a.b/c: only a folder on this machine",
+    ),
+    "validate of a long name": (lambda ds, _: pliant.validate("n" * 300), "folder not found"),
+    "rgb of frame '0'": (lambda ds, _: ds[0].rgb("0"), r"rope.*, frame: .*'0'; required: 0 to"),
+    "rgb of frame 0.5": (lambda ds, _: ds[0].rgb(0.5), "whole number; found 0.5"),
+    "with_truth of a long name": (lambda ds, _: ds.with_truth("n" * 300), "truth not found"),
     "validate workers": (lambda ds, _: pliant.validate(ds, workers="x"), "workers: .*'x'"),
     "stream steps": (
         lambda ds, store: pliant.stream({}, steps=5, start=6),

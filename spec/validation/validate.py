@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
-from pliant.spec.dataset import sample_or
+from pliant.spec.dataset import require_dataset_folder, sample_or
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
@@ -106,9 +106,14 @@ def validate(
     Raises:
         CallError: The folder is not there, or an argument makes no sense.
     """
+    if "://" in str(root):
+        raise CallError(
+            "only a folder on this machine can be validated",
+            path=root,
+            fix="Download the dataset, and name its folder.",
+        )
     root = Path(sample_or(root))
-    if not root.is_dir():
-        raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
+    require_dataset_folder(root)
     if workers < 1 or limit < 1:
         raise CallError("workers and limit must be at least 1", found=(workers, limit))
     findings = Findings(listed_per_code=limit)

@@ -126,12 +126,13 @@ def _call(kind: str, call: str, bad: Path, good: dict[str, Path], tmp_path: Path
     return [places.get(word, word.replace("OUT", str(tmp_path / "out"))) for word in call.split()]
 
 
-def _fails_in_one_sentence(call: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+def _fails_in_one_sentence(call: list[str], capfd: pytest.CaptureFixture[str]) -> int:
     capfd.readouterr()
     code = run(call)
     shown = capfd.readouterr()
     assert code in (1, 2), f"{call}: {code}\n{shown}"
     _is_one_sentence(call, shown.out, shown.err)
+    return code
 
 
 def _is_one_sentence(call: list[str], out: str, err: str) -> None:
@@ -161,7 +162,15 @@ def test_a_bad_path_is_one_sentence(
         pytest.skip("valid settings")
     bad = tmp_path / f"bad{Path(kind).suffix}"
     DAMAGES[damage](bad, good[kind])
-    _fails_in_one_sentence(_call(kind, call, bad, good, tmp_path), capfd)
+    code = _fails_in_one_sentence(_call(kind, call, bad, good, tmp_path), capfd)
+    if kind == "DATA":  # nothing is read of what is no folder: the call is wrong, not the data
+        assert code == (1 if damage == "a folder" else 2)
+
+
+def test_a_url_is_no_path(capfd: pytest.CaptureFixture[str]) -> None:
+    for call in (["validate", "https://a.b/c"], ["predict", "identity", "--data", "s3://a/b"]):
+        assert run(call) == 2
+        assert f"'{call[-1]}' is a URL; required: a path on this" in capfd.readouterr().err
 
 
 def test_a_submission_is_not_written_by_the_name_of_another_format(
