@@ -65,6 +65,7 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
             object_pairs_hook=_unique,
             parse_constant=_refuse_constant,
             parse_float=_finite,
+            parse_int=_whole,
         )
     except RecursionError as error:
         raise _too_deep(path) from error
@@ -200,6 +201,12 @@ def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text:.40} is beyond the range of a double")
+    return value
+
+
+def _whole(text: str) -> int:
+    value = int(text)
+    _finite(text)  # where a number is meant, it becomes a double
     return value
 
 

@@ -23,6 +23,7 @@ from pliant.spec.io.reading import FileRefusedError
         (b'{"a": 1, "a": 2}', "FILE_UNREADABLE", "'a' twice"),
         (b'{"a": NaN}', "FILE_UNREADABLE", "NaN"),
         (b'{"a": 1e999}', "FILE_UNREADABLE", "1e999"),
+        (b'{"a": -1%s}' % (b"0" * 309), "FILE_UNREADABLE", "000 is beyond the range"),
         (b"\xff\xfe{\x00}\x00", "FILE_UNREADABLE", "utf-8"),
         (b"\xef\xbb\xbf{}", "FILE_UNREADABLE", "found a byte order mark. Save the file as UTF-8"),
         (b"", "FILE_UNREADABLE", "Expecting value"),
