@@ -27,6 +27,8 @@ from pliant.spec.io.reading import (
     read_bytes,
 )
 
+_KINDS: Final = {0: "UINT", 1: "HALF", 2: "FLOAT"}
+
 CHANNELS: Final[dict[str, tuple[str, int]]] = {
     "Z": ("FLOAT", 2),
     "surface.m0": ("FLOAT", 2),
@@ -281,7 +283,11 @@ def _require_kind(header: ExrHeader, path: AnyFile, channels: dict[str, tuple[st
     found: object
     required = None
     if header.channels != {name: (number, 1, 1) for name, (_, number) in channels.items()}:
-        problem, found = "the EXR has other channels", sorted(header.channels)
+        problem = "the EXR has other channels"
+        found = ", ".join(
+            f"{name} ({_KINDS.get(kind, kind)}{'' if sampling == [1, 1] else ', subsampled'})"
+            for name, (kind, *sampling) in sorted(header.channels.items())
+        )
         required = ", ".join(f"{name} ({kind})" for name, (kind, _) in channels.items())
     elif header.compression not in COMPRESSIONS:
         problem = "the EXR file has a compression that the format does not allow"

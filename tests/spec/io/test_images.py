@@ -173,6 +173,12 @@ def test_channels_must_be_exactly_the_four(tmp_path: Path, name: str) -> None:
     assert refusal(tmp_path / "a.exr") == "IMAGE_FORMAT"
 
 
+def test_channels_of_another_type_are_named(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", channels_of(surface()) | {"Z": np.ones((6, 9), np.float16)})
+    with pytest.raises(FileRefusedError, match=r"found Z \(HALF\), surface.m0 \(FLOAT\), "):
+        read_surface(tmp_path / "a.exr")
+
+
 def test_several_parts_and_tiles_are_refused(tmp_path: Path) -> None:
     parts = [OpenEXR.Part({}, {"Z": surface().depth_m}, name) for name in ("a", "b")]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
