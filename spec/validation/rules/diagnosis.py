@@ -25,6 +25,9 @@ MAX_FRAMES = 64
 SHARE = 0.95
 """A cause explains this share of the rows, or it is none."""
 
+FITTED = 16
+"""Rows of a frame from which twelve numbers of a camera are fitted."""
+
 _PIXELS = 0.02
 _DEPTH = 1e-4  # relative
 _AXES = ((0, 2, 1), (1, 0, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1))
@@ -79,19 +82,28 @@ def diagnose_rows(
         return
     cause = _camera_cause(sample, cameras)
     if cause is not None:
-        for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES", "OUT_OF_FRAME_DISAGREES"):
-            if problems.counts[code]:
-                problems.diagnose(code, cause)
+        _explain_all(cause, problems)
         return
     compared = _compare(sample, cameras)
     if not compared.uv.size:
         return
+    explained = False
     for code, rows, found in (
         ("REPROJECTION_DISAGREES", wrong_uv, _pixel_cause(compared, size)),
         ("DEPTH_DISAGREES", wrong_depth, _depth_cause(compared)),
     ):
         if found is not None and rows >= 0.9 * sample.checked:
             problems.diagnose(code, found)
+            explained = True
+    cause = None if explained else _frame_cause(sample, cameras) or _linear_cause(sample)
+    if cause is not None:
+        _explain_all(cause, problems)
+
+
+def _explain_all(cause: str, problems: FileProblems) -> None:
+    for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES", "OUT_OF_FRAME_DISAGREES"):
+        if problems.counts[code]:
+            problems.diagnose(code, cause)
 
 
 def _compare(sample: RowSample, cameras: Sequence[Camera]) -> _Compared:
@@ -142,9 +154,10 @@ def _pixel_cause(rows: _Compared, size: tuple[int, int]) -> str | None:
         small = 1e-3 if "are in" in text else _PIXELS
         if _near(rows.uv, np.stack(predicted, axis=1), small):
             return text
-    nearest = np.abs(2 * rows.uv - np.rint(2 * rows.uv)).max(axis=1) < 1e-4
-    if _most(nearest) and _most(np.abs(rows.uv - rows.true_uv).max(axis=1) <= 1.01):
-        return "are rounded to pixels: positions are never rounded"
+    for parts, text in ((2, "pixels"), (10, "tenths of pixels")):
+        nearest = np.abs(parts * rows.uv - np.rint(parts * rows.uv)).max(axis=1) < 5e-5 * parts
+        if _most(nearest) and _most(np.abs(rows.uv - rows.true_uv).max(axis=1) <= 2.02 / parts):
+            return f"are rounded to {text}: positions are never rounded"
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = float(np.median(rows.uv / rows.true_uv))
     if np.isfinite(factor) and abs(factor - 1) > 1e-3 and _near(rows.uv, factor * rows.true_uv):
@@ -187,13 +200,50 @@ def _camera_cause(sample: RowSample, cameras: Sequence[Camera]) -> str | None:
             if camera is None:
                 good.append(np.zeros(len(rows.point), np.bool_))
                 continue
-            uv, z = np.split(camera.project(rows.xyz_m @ axes.T), [2], axis=1)
-            with np.errstate(invalid="ignore"):
-                gap = np.abs(rows.uv_px - uv).max(axis=1)
-                depth = np.abs(rows.depth_m - z[:, 0]) <= _DEPTH * np.abs(z[:, 0]) + 2e-5
-            good.append((gap <= _PIXELS * 2) & depth)
+            good.append(_seen(rows, camera, rows.xyz_m @ axes.T))
         if _most(np.concatenate(good)):
             return text
+    return None
+
+
+def _seen(rows: FrameRows, camera: Camera, xyz_m: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which rows have the projections of world positions (N, 3)."""
+    uv, z = np.split(camera.project(xyz_m), [2], axis=1)
+    with np.errstate(invalid="ignore"):
+        gap = np.abs(rows.uv_px - uv).max(axis=1)
+        depth = np.abs(rows.depth_m - z[:, 0]) <= _DEPTH * np.abs(z[:, 0]) + 2e-5
+    return np.asarray((gap <= _PIXELS * 2) & depth)
+
+
+def _frame_cause(sample: RowSample, cameras: Sequence[Camera]) -> str | None:
+    """Return whether u_px, v_px and depth_m are those of the frame after or before, or None."""
+    for one, other, text in ((0, 1, "after"), (1, 0, "before")):
+        pairs = list(zip(sample.rows[one:], sample.rows[other:], strict=False))
+        same = [(a, b) for a, b in pairs if np.array_equal(a.point, b.point)]
+        good = [_seen(a, cameras[a.frame], b.xyz_m) for a, b in same]
+        if good and _most(np.concatenate(good)):
+            return f"have the u_px, v_px and depth_m of the frame {text}"
+    return None
+
+
+def _linear_cause(sample: RowSample) -> str | None:
+    """Return whether the rows of each frame fit some K and pose, or None.
+
+    With homogeneous positions X, depth * (u, v, 1) = K [R t] X is linear in twelve numbers.
+    """
+    good = [np.zeros(0, np.bool_)]
+    for rows in sample.rows:
+        if len(rows.point) < FITTED:
+            return None
+        seen = np.column_stack([rows.uv_px, np.ones(len(rows.point))]) * rows.depth_m[:, None]
+        place = np.column_stack([rows.xyz_m, np.ones(len(rows.point))])
+        fit = place @ np.linalg.lstsq(place, seen, rcond=None)[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gap = np.abs(fit[:, :2] / fit[:, 2:] - rows.uv_px).max(axis=1)
+        depth = np.abs(rows.depth_m - fit[:, 2]) <= _DEPTH * np.abs(fit[:, 2]) + 2e-5
+        good.append((gap <= _PIXELS * 2) & depth)
+    if _most(np.concatenate(good)):
+        return "fit another K and pose: those of another sequence, or of another world frame?"
     return None
 
 

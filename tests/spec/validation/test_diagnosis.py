@@ -40,6 +40,7 @@ def _camera(frame: int) -> Camera:
 
 CAMERAS = [_camera(frame) for frame in range(FRAMES)]
 BOTH = {"REPROJECTION_DISAGREES": 1.0, "DEPTH_DISAGREES": 1.0}
+LINEAR = "fit another K and pose: those of another sequence, or of another world frame?"
 XYZ = np.random.default_rng(0).uniform(-0.3, 0.3, (FRAMES, POINTS, 3))
 
 
@@ -157,9 +158,35 @@ def test_a_cause_is_looked_for_only_where_nearly_all_rows_are_wrong() -> None:
 def test_few_cameras_are_not_shifted() -> None:
     """Of two frames the other one's camera is named; one frame has no other."""
     rows = np.stack([CAMERAS[1].project(xyz) for xyz in XYZ[:2]])
-    assert diagnosed(rows[:1], XYZ[:1], cameras=CAMERAS[:1]) == {}
+    found = diagnosed(rows[:1], XYZ[:1], cameras=CAMERAS[:1])
+    assert {cause for _, cause in found} == {LINEAR}
     found = diagnosed(rows, XYZ[:2], cameras=CAMERAS[:2])
     assert {cause for _, cause in found} == {"fit the camera of frame 1: another frame's camera"}
+
+
+def test_a_camera_of_another_sequence() -> None:
+    """Any K and pose is found, in each frame its own, from 16 rows of it."""
+    K = np.array([[80.0, 0, 60], [0, 81, 70], [0, 0, 1]])
+    others = [replace(CAMERAS[-1 - k], K=K + np.diag([k, k, 0])) for k in range(FRAMES)]
+    rows = np.stack([c.project(xyz) for c, xyz in zip(others, XYZ, strict=True)])
+    assert diagnosed(rows, XYZ) == {(code, LINEAR): FRAMES * POINTS for code in BOTH}
+    noisy = rows + np.random.default_rng(0).normal(0, 0.1, rows.shape) * [1, 1, 0]
+    assert diagnosed(noisy, XYZ) == {}
+    for count in (15, 16):
+        sample, problems = RowSample(), Findings().at("table")
+        sample.add(rows_at(0, rows[0, :count], XYZ[0, :count]))
+        problems.add_rows("DEPTH_DISAGREES", np.ones(count, bool), lambda _: ("", ""))
+        diagnose_rows(sample, CAMERAS, SIZE, problems)
+        assert bool(problems.findings.diagnoses) is (count == 16)
+
+
+@pytest.mark.parametrize(("step", "name"), [(-1, "after"), (1, "before")])
+def test_projections_of_another_frame(step: int, name: str) -> None:
+    cameras = CAMERAS[:1] * FRAMES
+    right = np.stack([CAMERAS[0].project(xyz) for xyz in XYZ])
+    cause = f"have the u_px, v_px and depth_m of the frame {name}"
+    found = diagnosed(np.roll(right, step, axis=0), XYZ, cameras=cameras)
+    assert found == {(code, cause): FRAMES * POINTS for code in BOTH}
 
 
 def test_rows_and_frames_are_sampled() -> None:
@@ -219,6 +246,10 @@ SIGNS = np.array([[1, -1], [-1, 1], [1, 1], [-1, -1]])
         (RIGHT_UV + 1.5 * SIGNS, None),
         (RIGHT_UV + 1.00004 * SIGNS, "are rounded to pixels: positions are never rounded"),
         (RIGHT_UV + 1.00006 * SIGNS, None),
+        (RIGHT_UV + 0.1 * SIGNS, "are rounded to tenths of pixels: positions are never rounded"),
+        (RIGHT_UV + 0.2 * SIGNS, "are rounded to tenths of pixels: positions are never rounded"),
+        (RIGHT_UV + 0.3 * SIGNS, None),
+        (RIGHT_UV + 0.11 * SIGNS, None),
         (RIGHT_UV * 1.0009, None),
         (RIGHT_UV * 1.0011, "are 1.001 times the projection: images of another size?"),
         (RIGHT_UV * 0.9, "are 0.9 times the projection: images of another size?"),
@@ -275,7 +306,7 @@ def test_a_camera_explains_what_is_out_of_the_frame_too(
     findings = causes(uvz, XYZ, {"REPROJECTION_DISAGREES": 1})
     cause = "have a world position 1000 times too large: millimetres"
     codes = ("REPROJECTION_DISAGREES", "OUT_OF_FRAME_DISAGREES")
-    assert [*findings.diagnoses] == ([(code, cause) for code in codes] if found else [])
+    assert [*findings.diagnoses] == [(code, cause if found else LINEAR) for code in codes]
 
 
 def test_rows_behind_the_camera_have_no_cause() -> None:
