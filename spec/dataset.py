@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import operator
 import os
 from collections import Counter
@@ -220,8 +221,14 @@ class Dataset:
         return self.files.local(name)
 
     def fingerprint(self) -> bytes:
-        """Return bytes that differ between datasets with other sequences."""
-        return self.local(layout.SEQUENCES_TABLE).read_bytes()
+        """Return bytes that differ between datasets with other sequences.
+
+        The table of sequences alone has the same bytes for other image sizes, colours and noise;
+        `provenance` tells them apart. Titles and licences make no difference.
+        """
+        made = {name: self.info[name] for name in ("image_size", "tiers", "provenance")}
+        table = self.local(layout.SEQUENCES_TABLE).read_bytes()
+        return json.dumps(made, sort_keys=True).encode() + table
 
     @property
     def id(self) -> str:

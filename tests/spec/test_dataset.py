@@ -12,7 +12,7 @@ import pytest
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.parquet_columns import stacked
-from tests.conformance.edits import ROPE_TEST, change_rows, remove
+from tests.conformance.edits import ROPE_TEST, change_json, change_rows, remove
 from tests.spec.conftest import DATASETS
 
 Copy = Callable[[str], Path]
@@ -126,6 +126,17 @@ def test_the_sample_of_the_package_opens_by_its_name(
     (tmp_path / "sample").mkdir()  # a folder of that name comes first
     with pytest.raises(SpecError, match="this is not a Pliant dataset"):
         Dataset.open("sample")
+
+
+def test_a_fingerprint_knows_how_the_pictures_were_made(copy_of: Copy) -> None:
+    root = copy_of("full")
+    first = Dataset.open(root).fingerprint()
+    change_json("dataset.json", lambda info: info.update(title="Other", licence="MIT"))(root)
+    assert Dataset.open(root).fingerprint() == first
+    change_json("dataset.json", lambda info: info["provenance"]["config"].update(noise={}))(root)
+    noisy = Dataset.open(root).fingerprint()
+    change_json("dataset.json", lambda info: info["image_size"].update(width=8))(root)
+    assert len({first, noisy, Dataset.open(root).fingerprint()}) == 3
 
 
 def test_truth_from_a_file_next_to_the_dataset(copy_of: Copy, tmp_path: Path) -> None:
