@@ -136,7 +136,7 @@ def place_light(scene: Any, light: Light) -> None:
     irradiance = np.asarray(light.sun_irradiance)
     strength = float(irradiance.max())
     sun.data.energy = strength
-    sun.data.color = (irradiance / strength).tolist()
+    sun.data.color = (irradiance / strength).tolist() if strength > 0 else (1.0, 1.0, 1.0)
     sun.data.angle = light.sun_angle_rad
     towards = mathutils.Vector(light.sun_direction)
     sun.rotation_mode = "QUATERNION"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.generator.scene.appearance import Light
 from pliant.generator.scene.camera import sample_camera
 from pliant.generator.settings import CameraSettings, ClothSettings
 from pliant.generator.truth.frame_truth import frame_truth
@@ -34,3 +35,16 @@ def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
         depths += found.depth_errors
     assert ids <= 1
     assert depths <= 2
+
+
+@pytest.mark.blender
+def test_light_without_a_sun_is_white() -> None:
+    """The setting look.sun_share may be 0: the colour of no light was 0 / 0."""
+    bpy = pytest.importorskip("bpy")
+    from pliant.generator.rendering.blender import new_scene, place_light
+
+    made = new_scene((16, 16), 1, gpu=False)
+    for irradiance, energy, colour in (((0, 0, 0), 0, [1, 1, 1]), ((2, 4, 1), 4, [0.5, 1, 0.25])):
+        place_light(made, Light((0, 0, 1), irradiance, 0.1, (1, 1, 1)))
+        assert bpy.data.objects["sun"].data.energy == energy
+        assert list(bpy.data.objects["sun"].data.color) == colour
