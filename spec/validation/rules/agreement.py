@@ -30,6 +30,9 @@ DEPTH_SHIFT: Final = 0.15
 DEPTH_SCATTER: Final = 0.1
 """Twice the median distance of the depth residual from its median, pixel footprints."""
 
+RESOLVED_PX: Final = 0.5
+"""Error of the interpolation, pixels, below which slopes tell a scale: not on a rope 3 px wide."""
+
 SCALE_FACTOR: Final = 3.0
 """How far a unit of the material may be from `metres_per_unit`."""
 
@@ -186,7 +189,8 @@ def _depth_text(measured: Measured) -> str:
 
 
 def _check_scale(tier: Tier, measured: Measured, problems: FileProblems) -> None:
-    metres = measured.metres[np.isfinite(measured.metres).all(axis=1)]
+    resolved = np.isfinite(measured.metres).all(axis=1) & (measured.error_px < RESOLVED_PX)
+    metres = measured.metres[resolved]
     if len(metres) < MIN_POINTS:
         return
     wrong = []

@@ -100,6 +100,8 @@ def test_the_doubt_of_a_median() -> None:
         ({"metres": (1.499, 0.5 / 2.999)}, None),
         ({"metres": (1.501, 0.5)}, "SCALE_DISAGREES"),
         ({"metres": (0.5, 0.5 / 3.001)}, "SCALE_DISAGREES"),
+        ({"metres": (50, 50), "error_px": 0.499}, "SCALE_DISAGREES"),
+        ({"metres": (50, 50), "error_px": 0.501}, None),
     ],
 )
 def test_limits(changes: dict[str, Any], code: str | None) -> None:
