@@ -212,8 +212,8 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
     """Read a depth image of a camera.
 
     Args:
-        path: A 16-bit PNG or TIFF in millimetres, or a `.npy` of floating-point metres; 0 and
-            values that are not finite are unknown.
+        path: A 16-bit PNG or TIFF in millimetres, or a `.npy` of floating-point metres or whole
+            millimetres; 0 and values that are not finite are unknown.
         size: (width, height) of the picture that it belongs to, px.
 
     Returns:
