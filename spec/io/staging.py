@@ -34,7 +34,7 @@ def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
 
     Raises:
         CallError: The folder cannot be written: no space, no permission (also where an earlier
-            one is read-only), or there is one.
+            one is read-only), or there is one; or the body cannot read a file.
     """
     folder = folder.resolve()
     if new:
@@ -58,10 +58,17 @@ def staged(folder: Path, *, new: bool = False) -> Iterator[Path]:
             made.rename(folder)
         synced(folder.parent)
     except OSError as error:
+        found, place = error.strerror or str(error), error.filename
+        if (
+            isinstance(place, str)
+            and not Path(place).is_relative_to(made)
+            and os.path.isfile(place)
+        ):
+            raise CallError("the file cannot be read", path=place, found=found) from error
         raise CallError(
             "the folder cannot be written",
             path=folder,
-            found=error.strerror or str(error),
+            found=found,
             fix=f"{other_place(error)}; an earlier folder there is unchanged.",
         ) from error
     finally:

@@ -77,6 +77,18 @@ def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
     assert names(out) == ["first"]
 
 
+def test_a_source_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.touch()
+    unread = PermissionError(errno.EACCES, "Permission denied", str(source))
+    with (
+        pytest.raises(CallError, match=r"/source: the file cannot be read"),
+        staged(tmp_path / "a"),
+    ):
+        raise unread
+    assert names(tmp_path) == ["source"]
+
+
 WRITING = """
 import sys
 from pathlib import Path
