@@ -184,7 +184,8 @@ def _standing_out(
         if all(math.dist(colour, other) >= settings.least_contrast for other in others):
             return colour
     raise CallError(
-        "no object colour within the ranges has enough contrast with the table",
+        "no object colour within the ranges has enough contrast with the table or with another "
+        "colour of the object",
         where="look.least_contrast",
         found=settings.least_contrast,
         fix="Widen look.object_value and look.object_saturation, or lower look.least_contrast.",

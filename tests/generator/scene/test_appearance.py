@@ -93,6 +93,14 @@ def test_colours_that_cannot_stand_out_are_refused(sheet: SceneObject) -> None:
         appearance_of(sheet, 0, **grey, **same)
 
 
+def test_colours_of_the_object_that_cannot_differ_are_refused(sheet: SceneObject) -> None:
+    settings = AppearanceSettings(
+        least_contrast=0.5, table_value=(0.9, 0.95), object_value=(0.1, 0.3)
+    )
+    with pytest.raises(CallError, match="with another colour of the object"):
+        sample_appearance(np.random.default_rng(0), sheet, settings)
+
+
 def test_materials_stay_in_their_family_of_hues(sheet: SceneObject) -> None:
     """Red to cyan over the origin of the circle, without the quarter from cyan to violet."""
     values = {"object_hue": (-0.25, 0.5), "object_saturation": (0.5, 0.9)}
