@@ -250,7 +250,7 @@ def _report(summary: Summary, as_json: bool) -> None:
         echo_json(document)
         return
     if summary.unchanged:
-        echo(f"{summary.root} is finished: {plural(summary.sequences, 'sequence')}, nothing to do.")
+        echo(f"{summary.root} is finished: {plural(summary.sequences, 'sequence')}, none to make.")
         return
     echo(
         f"{summary.root}: {plural(summary.sequences, 'sequence')}, {summary.made} made now "

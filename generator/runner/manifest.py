@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS, GenerateConfig
 from pliant.spec.errors import CallError
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.io.writing import replacing
 from pliant.spec.secrets import (
     SECRET_SEED_FILE,
@@ -27,6 +28,8 @@ from pliant.spec.storage.layout import (
     DATASET_JSON,
     INDEX_TABLE,
     PRIVATE_DIR,
+    QUERIES_DIR,
+    TRUTH_DIR,
     sequence_name,
 )
 from pliant.spec.text import shortened
@@ -140,11 +143,14 @@ class RunFolder:
         return seed
 
     def is_finished(self, config: GenerateConfig) -> bool:
-        """Return whether a run with just this config, and this Pliant, came to its end."""
+        """Return whether a run with just this config, and this Pliant, came to its end.
+
+        Its tables must be as it wrote them.
+        """
         stored = _read_object(self._config)
         if stored is None or stored.get("finished") is not True:
             return False
-        return stored.get("given") == _given(config)
+        return stored.get("given") == _given(config) and stored.get("tables") == self._tables()
 
     def stored_config(self) -> dict[str, Any] | None:
         """Return the resolved config the folder was started with, None where there is none.
@@ -163,7 +169,13 @@ class RunFolder:
     def store_config(self, config: GenerateConfig, *, finished: bool) -> None:
         """Remember a config, and whether its run came to its end."""
         document = {"given": _given(config), "resolved": config.resolved(), "finished": finished}
-        _write(self._config, document)
+        _write(self._config, {**document, "tables": self._tables()} if finished else document)
+
+    def _tables(self) -> dict[str, str]:
+        """Return the sha256 of each table of the dataset as a whole, by its name."""
+        folders = (self.root, self.root / QUERIES_DIR, self.root / TRUTH_DIR)
+        tables = [path for folder in folders for path in folder.glob("*.parquet")]
+        return {path.relative_to(self.root).as_posix(): sha256_file(path) for path in tables}
 
     def store_failures(self, failures: list[Failure]) -> None:
         """Remember the sequences that failed, with their tracebacks; none removes the file."""

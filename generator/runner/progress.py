@@ -149,5 +149,5 @@ class Summary:
 
     @property
     def unchanged(self) -> bool:
-        """True if the set was finished before the run."""
+        """True if all sequences were there before the run; it may have written tables again."""
         return self.made == 0 and not self.failed

@@ -103,7 +103,7 @@ def test_generate_resume_refuse_and_dry_run(tmp_path, capsys, monkeypatch):
     assert run(call) == 0
     assert json.loads(capsys.readouterr().out)["made"] == 0
     assert run(call[:-1]) == 0
-    assert "finished: 2 sequences, nothing to do" in capsys.readouterr().out
+    assert "finished: 2 sequences, none to make" in capsys.readouterr().out
 
     assert run([*call, "--seed", "1"]) == 2
     assert "seed (0 there, 1 in this call)" in capsys.readouterr().err

@@ -27,6 +27,17 @@ def test_a_finished_set_is_left_alone(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
+@pytest.mark.parametrize("name", ["sequences.parquet", "truth/test.parquet"])
+def test_damaged_tables_of_a_finished_set_are_written_again(name, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    (out / name).write_bytes(b"half")
+    assert make(out).made == 0
+    (out / name).unlink()
+    assert make(out).made == 0
+    assert digests(out) == uninterrupted
+
+
 def test_the_description_counts_one_in_the_singular(tmp_path):
     make(tmp_path / "set", splits={"train": 1}, frames=1, episodes=False)
     described = json.loads((tmp_path / "set" / "dataset.json").read_bytes())["description"]
