@@ -48,17 +48,28 @@ def model_card(
         facts={"network": "", "mean_of": (), **facts},
         figures=facts.get("validation", {}),
         dataset=dataset,
-        config=dataset["provenance"].get("config"),
+        config=_generated(dataset)["provenance"].get("config"),
         parameters=parameters,
         training_time="not recorded" if training_s is None else duration(training_s),
         reports=reports,
-        further=further,
+        further=[_generated(each) for each in further],
         stage=stage,
         inline=_inline,
         span=lambda values: f"{values[0]:g} to {values[1]:g}",
         heading=heading,
         score_cell=score_cell,
     )
+
+
+def _generated(dataset: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a `dataset.json` that has a config only if it is one of `pliant generate`.
+
+    The config of other datasets is free: the card cannot describe it.
+    """
+    provenance = dataset["provenance"]
+    if {"splits", "frames", "camera", "look"} <= (provenance.get("config") or {}).keys():
+        return dataset
+    return {**dataset, "provenance": {**provenance, "config": None}}
 
 
 def _tiers(first: str, also: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -140,7 +141,7 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     info = dataset.info
     provenance = info["provenance"]
 
-    def card(changes: dict[str, object], **of_run: object) -> str:
+    def card(changes: dict[str, Any], further: Any = (), **of_run: object) -> str:
         return model_card(
             name="a",
             settings=yaml.safe_load((trained / "config.yaml").read_text()),
@@ -148,6 +149,7 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
             dataset={**info, "provenance": {**provenance, **changes}},
             parameters=1,
             training_s=9000.0,
+            further=further,
         ).replace("\n", " ")
 
     plain = card({})
@@ -159,6 +161,8 @@ def test_card_of_other_data(trained: Path, dataset: Dataset) -> None:
     unknown = card({"config": None})
     assert "| light |" not in unknown
     assert "data.yaml" not in unknown
+    free = {**info, "provenance": {**provenance, "config": {"lens": "50 mm"}}}
+    assert card(free["provenance"], further=[free]) == card({"config": None}, further=[free])
     secret = card({"config": {k: v for k, v in provenance["config"].items() if k != "seed"}})
     assert "| seed | secret |" in secret
     assert "`data.yaml` has the complete config, without the seed." in secret
