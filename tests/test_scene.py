@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ pytest.importorskip("numba")
 
 import pliant
 from pliant import scene
+from pliant.generator.runner.manifest import RunFolder
+from pliant.publishing import PublishSettings, publish
 from pliant.spec.errors import CallError, GenerationError
 from tests.known import known
 
@@ -213,3 +217,27 @@ def test_one_picture_is_a_dataset_and_no_episode(tmp_path: Path) -> None:
     film.shoot()
     assert not pliant.load(film.write(tmp_path / "one"))[0].temporal
     assert pliant.validate(tmp_path / "one").total == 0
+
+
+def test_a_film_states_no_settings_of_random_scenes(tmp_path: Path) -> None:
+    film = scene.Film(scene.Rope(LINE), scene.camera((0, 0, 1), size=SIZE))
+    film.shoot()
+    out = film.write(tmp_path / "one")
+    config = pliant.load(out).info["provenance"]["config"]
+    assert config.keys() == {"made_with", "rope", "queries", "style"}
+    with pytest.raises(CallError, match="something else"):  # nothing is mixed into the film
+        RunFolder(out).check()
+
+
+def test_answers_of_a_film_can_be_held_out(tmp_path: Path) -> None:
+    rope = scene.Rope(LINE)
+    film = scene.Film(rope, scene.camera((0, 0, 1), size=SIZE), split="test", episode=False)
+    film.shoot()
+    rope.pull(1.0, to=(0.3, 0.2, 0.1))
+    film.shoot()
+    out = film.write(tmp_path / "own", secret_seed=True)
+    assert pliant.validate(out).total == 0
+    published = publish(out, tmp_path / "public", PublishSettings(hold_out=("test",)))
+    assert not any("are public" in text for text in published.warnings)
+    croissant = json.loads((published.public / "croissant.json").read_text())
+    assert not re.search("distributions|One object", croissant["rai:dataLimitations"])

@@ -31,16 +31,23 @@ from pliant.spec.tables import SEQUENCES
 from pliant.spec.text import plural
 
 
-def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], root: Path) -> None:
+def write_dataset_files(
+    config: GenerateConfig,
+    tasks: Sequence[SequenceTask],
+    root: Path,
+    *,
+    stated: Mapping[str, Any] | None = None,
+) -> None:
     """Write `sequences.parquet`, the queries, their truth and `dataset.json`.
 
     `dataset.json` is removed before the first file is replaced and written after the last one: a
     folder that has it is whole.
 
     Args:
-        config: The dataset's config, kept as provenance.
+        config: The dataset's config.
         tasks: The finished sequences, in the order of the table.
         root: The dataset's folder.
+        stated: Settings to keep as provenance; None keeps the config.
 
     Raises:
         CallError: The disk is full or cannot be written.
@@ -55,11 +62,14 @@ def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], r
         with suppress(OSError):  # it is not empty
             (root / name).rmdir()
     write_table(root / SEQUENCES_TABLE, sequence_rows(infos), "sequences", {"dataset": dataset})
-    write_json(root / DATASET_JSON, describe_dataset(config, tiers, infos), "dataset")
+    write_json(root / DATASET_JSON, describe_dataset(config, tiers, infos, stated), "dataset")
 
 
 def describe_dataset(
-    config: GenerateConfig, tiers: Sequence[Tier], infos: Sequence[Mapping[str, Any]]
+    config: GenerateConfig,
+    tiers: Sequence[Tier],
+    infos: Sequence[Mapping[str, Any]],
+    stated: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the content of `dataset.json`.
 
@@ -67,6 +77,7 @@ def describe_dataset(
         config: The dataset's config.
         tiers: The tiers.
         infos: The `sequence.json` of every sequence.
+        stated: Settings to keep as provenance; None keeps the config.
     """
     names = ", ".join(config.tiers)
     kind = "episodes" if config.episodes else "configurations"
@@ -86,7 +97,7 @@ def describe_dataset(
         "provenance": {
             "generator": f"pliant {version('pliant')}",
             "seed": config.public_seed,
-            "config": config.resolved(),
+            "config": config.resolved() if stated is None else stated,
             "tools": {key: tool for info in infos for key, tool in info["tools"].items()},
         },
     }

@@ -29,6 +29,7 @@ from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import Surface
+from pliant.spec.secrets import draw_secret_seed, write_secret_seed
 
 
 def camera(
@@ -211,7 +212,7 @@ class Film:
         return write([self], out, **about)
 
 
-_ABOUT: Final = ("title", "description", "licence", "version", "seed", "queries")
+_ABOUT: Final = ("title", "description", "licence", "version", "seed", "secret_seed", "queries")
 
 
 def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **about: Any) -> Path:
@@ -222,7 +223,7 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
         out: The dataset's folder; new.
         id: The dataset's id.
         about: More fields of a config: `title`, `description`, `licence`, `version`, `seed` (of
-            the queries), `queries`.
+            the queries), `secret_seed` (required for a held-out split), `queries`.
 
     Returns:
         The folder.
@@ -278,12 +279,18 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
         **about,
     }
     config = settings_from(GenerateConfig, values)
+    if config.secret_seed:
+        config = config.replace(seed=draw_secret_seed())
+        write_secret_seed(out, config.seed)
     tasks: list[SequenceTask] = []
     for film in films:
         index = sum(task.split == film.split for task in tasks)
         tasks.append(SequenceTask(film.body.tier, film.split, index))
         _write_sequence(film, config, tasks[-1], out)
-    write_dataset_files(config, tasks, out)
+    # Only what is true of the pictures: the rest of the config describes random scenes.
+    resolved = config.resolved()
+    stated = {name: resolved[name] for name in (first.body.kind, "queries", "style")}
+    write_dataset_files(config, tasks, out, stated={"made_with": "pliant.scene", **stated})
     return out
 
 
