@@ -54,6 +54,7 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
         pictures=_draw(dataset, root),
         tiers=_tiers(dataset),
         held_out=list(dataset.held_out),
+        shown=any(s.split not in dataset.held_out for s in dataset.sequences),
         asked=[_asked(dataset, split) for split in dataset.splits_with_queries()],
         files=list(_files(root)),
         first=dataset.sequences[0],

@@ -239,5 +239,7 @@ def test_answers_of_a_film_can_be_held_out(tmp_path: Path) -> None:
     assert pliant.validate(out).total == 0
     published = publish(out, tmp_path / "public", PublishSettings(hold_out=("test",)))
     assert not any("are public" in text for text in published.warnings)
+    card = (published.public / "README.md").read_text()
+    assert not re.search("correspondences`|Coverage", card)  # no split has public answers
     croissant = json.loads((published.public / "croissant.json").read_text())
     assert not re.search("distributions|One object", croissant["rai:dataLimitations"])
