@@ -131,3 +131,10 @@ def test_the_end_of_a_process_searches_no_objects_for_cycles(
         gc.unfreeze()
     assert ended.value.code == 0
     assert "Usage: pliant" in capsys.readouterr().out
+
+
+def test_python_runs_the_command_line() -> None:
+    program = [sys.executable, "-m", "pliant", "validate", "no-such-folder"]
+    done = subprocess.run(program, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "folder not found" in done.stderr
