@@ -31,7 +31,7 @@ class FrameKeys:
 
     Attributes:
         pictures: uint64 each, digest of the decoded colour pixels; 0 for a blank picture.
-        shapes: float64 (6,) each, mean and spread of the points in the camera's axes, metres.
+        shapes: float64 (15,) each, what `shape_key` returns, metres.
         depths: uint64 each, digest of the decoded depth image.
     """
 
@@ -47,9 +47,13 @@ def digest_of(pixels: npt.NDArray[Any]) -> int:
 
 
 def shape_key(camera: Camera, rows: FrameRows) -> FloatArray:
-    """Return mean and spread of points of a frame in the camera's axes, float64 (6,), metres."""
+    """Return mean, spread and three points of a frame in the camera's axes, float64 (15,), metres.
+
+    The three points tell an object from the same object turned to where its outline coincides.
+    """
     local = camera.to_camera(rows.xyz_m[:: 1 + len(rows.xyz_m) // SHAPE_POINTS])
-    return np.concatenate([local.mean(axis=0), local.std(axis=0)])
+    some = local[[0, len(local) // 3, 2 * len(local) // 3]]
+    return np.concatenate([local.mean(axis=0), local.std(axis=0), some.ravel()])
 
 
 @dataclass

@@ -306,6 +306,17 @@ def test_shapes_agree_to_a_micrometre(apart: float, same: bool, axis: int) -> No
     assert compared(result("a", shapes={0: shape})) == []
 
 
+def test_a_ring_that_turned_in_its_plane_has_another_shape() -> None:
+    camera = Camera(np.eye(3), np.eye(4), (64, 48))
+    turns = np.arange(24) / 24 * 2 * np.pi
+    one, other = (
+        shape_key(camera, rows_at(0, xyz, xyz))
+        for angle in (0.0, 1.1)
+        for xyz in [np.stack([np.cos(turns + angle), np.sin(turns + angle), 0 * turns + 2], 1)]
+    )
+    assert compared(result("a1", shapes={0: one}), result("a2", "test", shapes={0: other})) == []
+
+
 def test_what_identifies_a_frame() -> None:
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
     first = int.from_bytes(hashlib.sha256(pixels[:, ::2].tobytes()).digest()[:8], "little")
@@ -317,5 +328,6 @@ def test_what_identifies_a_frame() -> None:
         xyz = rng.normal(0, 1, (count, 3))
         rows = rows_at(0, xyz, xyz)
         some = xyz[::step] @ pose[:3, :3].T + [1, 2, 3]
-        expected = np.concatenate([some.mean(axis=0), some.std(axis=0)])
+        three = some[[0, len(some) // 3, 2 * len(some) // 3]].ravel()
+        expected = np.concatenate([some.mean(axis=0), some.std(axis=0), three])
         np.testing.assert_allclose(shape_key(camera, rows), expected)
