@@ -53,13 +53,13 @@ class ShownSurface:
         return self.image.object_id == object_id
 
     def box_px(self, object_id: int) -> float:
-        """Return the longer side of the box around an object's pixels, 0 if it is not seen.
+        """Return the longer side of the box around an object's pixels, 1 if it is not seen.
 
         Returns:
             Pixels, from the outer edge of the first pixel to that of the last.
         """
         box = mask_box(self.of_object(object_id))
-        return float(max(side.stop - side.start for side in box))
+        return float(max(1, *(side.stop - side.start for side in box)))
 
 
 def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray[np.uint8] | None:

@@ -27,7 +27,7 @@ def box(*pixels: tuple[int, int]) -> float:
 
 
 def test_the_longer_side_of_the_box() -> None:
-    assert box() == 0
+    assert box() == 1
     assert box((3, 4)) == 1
     assert box((3, 4), (3, 9)) == 6
     assert box((1, 4), (8, 9)) == 8
