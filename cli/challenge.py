@@ -147,7 +147,9 @@ def credit(challenge: Challenge, team: str, attempts: int, phase: str | None) ->
 
 @command.command("rescore")
 @_of_challenge
-@click.option("--protocol", metavar="NAME|FILE", help="Protocol, or a protocol's JSON file.")
+@click.option(
+    "--protocol", metavar="NAME|FILE", help="Protocol, or a protocol's JSON or YAML file."
+)
 @path_option("--private", "PRIVATE", "Private half with corrected answers.")
 @click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
 @click.option("--reason", required=True, metavar="TEXT", help="Reason, shown on the pages.")

@@ -36,7 +36,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     ends with the number of sequences that a verdict on this difference would need.
     """
     from pliant.evaluator.comparison import differences, method_names, ranks
-    from pliant.evaluator.protocols.protocol import read_protocol
+    from pliant.evaluator.protocols.protocol import ratios_of
     from pliant.evaluator.report.cells import heading
     from pliant.evaluator.report.leaderboard import read_reports
     from pliant.evaluator.statistics.sign_flips import fewest_sequences
@@ -48,12 +48,11 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     found = differences(scores, metrics or None)
     names = method_names(scores)
     standing = ranks(found, names)
-    protocol = str(scores[0].document["protocol"])
-    rules = read_protocol(protocol)
-    fewest = fewest_sequences(float(rules.bootstrap.level))
+    document = scores[0].document
+    fewest = fewest_sequences(float(document["intervals"]["level"]))
     if as_json:
-        document: dict[str, Any] = {
-            "protocol": protocol,
+        result: dict[str, Any] = {
+            "protocol": document["protocol"],
             "fewest_sequences": fewest,
             "methods": names,
             "differences": [item.as_dict() for item in found],
@@ -62,19 +61,19 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
                 for (group, metric), places in standing.items()
             ],
         }
-        echo_json(document)
+        echo_json(result)
         return
     _print_differences(scores, names, found, fewest)
     compared = {item.metric for item in found}
-    asked = dict.fromkeys(metrics or rules.headline)
-    if lost := [m for m in asked if m in rules.ratios and m not in compared]:
-        labels = "; ".join(heading(metric, protocol).label for metric in lost)
+    asked = dict.fromkeys(metrics or document["headline"])
+    if lost := [m for m in asked if m in ratios_of(document) and m not in compared]:
+        labels = "; ".join(heading(metric, document).label for metric in lost)
         echo(f"Not compared, because fewer than two methods have a value: {labels}.")
     for (group, metric), places in standing.items():
         placed = [each for each in zip(places, names, strict=True) if each[0] is not None]
         if group == "overall" and any(place != 1 for place, _ in placed):
             text = ", ".join(f"{place}. {name}" for place, name in sorted(placed))
-            echo(f"Ranks by {heading(metric, protocol).label}: {text}")
+            echo(f"Ranks by {heading(metric, document).label}: {text}")
 
 
 def _print_differences(
@@ -83,7 +82,6 @@ def _print_differences(
     """Print each difference, or only the order of the methods where there is no verdict."""
     from pliant.evaluator.report.cells import heading
 
-    protocol = str(scores[0].document["protocol"])
     without: list[Difference] = []
     tables: dict[tuple[str, str], list[Difference]] = {}
     one_tier = len(scores[0].tiers) == 1
@@ -91,7 +89,7 @@ def _print_differences(
         if item.group == "overall" or not one_tier:  # else the same figures once more
             tables.setdefault((item.metric, item.group), []).append(item)
     for (metric, group), items in tables.items():
-        shown = heading(metric, protocol)
+        shown = heading(metric, scores[0].document)
         title = f"{shown.in_text}, {group}"
         if all(item.verdict == "too few sequences" for item in items):
             without += items
@@ -125,7 +123,7 @@ def _in_order(scores: Sequence[Scores], names: Sequence[str], item: Difference) 
     """Return the methods, best first, with their scores by the metric and group of a difference."""
     from pliant.evaluator.report.cells import heading
 
-    shown = heading(item.metric, str(scores[0].document["protocol"]))
+    shown = heading(item.metric, scores[0].document)
     groups = [
         each.overall if item.group == "overall" else each.tiers[item.group] for each in scores
     ]

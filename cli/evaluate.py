@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 @click.option(
     "--protocol",
     default=None,
-    metavar="NAME",
-    help="paper, standard, tapvid, tapvid-first, tapvid-strided, track, auc, spair or matches; "
-    "default: standard, and matches for matches.",
+    metavar="NAME|FILE",
+    help="paper, standard, tapvid, tapvid-first, tapvid-strided, track, auc, spair, matches, or "
+    "the JSON or YAML file of another; default: standard, and matches for matches.",
 )
 @click.option(
     "--split",
@@ -145,7 +145,7 @@ def _print(scores: Scores, out: Path | None) -> None:
         cells = "  ".join(
             f"{group:>{width}} {cell.value:>8} {cell.coverage}".rstrip() for group, cell in shown
         )
-        echo(f"  {heading(metric, document['protocol']).in_text:32} {cells}")
+        echo(f"  {heading(metric, document).in_text:32} {cells}")
     for line in _notes(document["notes"]):
         echo(line, err=True)
     if out is not None:

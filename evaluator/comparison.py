@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.protocols.protocol import ratios_of
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
@@ -125,10 +125,10 @@ def differences(
         CallError: The reports are not comparable, or a metric is not an averaged one.
     """
     check_comparable(reports)
-    protocol = read_protocol(str(reports[0].document["protocol"]))
-    known = protocol.ratios
+    document = reports[0].document
+    known = ratios_of(document)
     wanted = (
-        [m for m in protocol.headline if m in known] or list(known)
+        [m for m in document["headline"] if m in known] or list(known)
         if metrics is None
         else [*dict.fromkeys(metrics)]
     )
@@ -143,7 +143,7 @@ def differences(
     names = method_names(reports)
     columns = [_columns(report.per_pair) for report in reports]
     crossing, tiers = _crossing(reports[0].per_pair)
-    level = protocol.bootstrap.level
+    level = float(document["intervals"]["level"])
     result: list[Difference] = []
     for ratio in ratios:
         terms = [ratio.terms(table) for table in columns]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.protocols.protocol import Protocol, read_protocol
+from pliant.evaluator.protocols.protocol import Protocol, find_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.scoring import score
 from pliant.evaluator.submission.loading import Given, Loaded, load, load_in_memory
@@ -23,7 +23,7 @@ def evaluate(
     data: Dataset | Path | str,
     *,
     truth: Path | str | None = None,
-    protocol: str | Protocol | None = None,
+    protocol: str | Path | Protocol | None = None,
     allow_missing: bool = False,
     hide_truth: bool = False,
     limits: Limits | None = None,
@@ -37,7 +37,8 @@ def evaluate(
         data: The dataset, or its folder.
         truth: The split's truth, its folder, or the private half of a published dataset, which
             also brings the surfaces; None takes the dataset's own.
-        protocol: A protocol or its name; None takes `standard` for answers, `matches` for matches.
+        protocol: A protocol, its name or its file; None takes `standard` for answers, `matches`
+            for matches.
         allow_missing: Score a query without an answer as the worst value instead of refusing.
         hide_truth: Cap every error at the image diagonal, for scores that participants of a
             competition see: uncapped errors reveal single answers. Hints that need the truth are
@@ -63,7 +64,7 @@ def evaluate(
     """
     check_whole("workers", workers, 1)
     dataset = _opened(data, truth)
-    chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
+    chosen = None if protocol is None else find_protocol(protocol)
     problems = Problems(submission)
     path = Path(submission)
     loaded = load(path, dataset, problems, allow_missing=allow_missing, limits=limits)
@@ -79,7 +80,7 @@ def evaluate_answers(
     *,
     method: str = "answers in memory",
     truth: Path | str | None = None,
-    protocol: str | Protocol | None = None,
+    protocol: str | Path | Protocol | None = None,
     allow_missing: bool = False,
 ) -> Scores:
     """Score answers that are in memory, as `evaluate` scores the file that contains them.
@@ -109,7 +110,7 @@ def evaluate_answers(
         True
     """
     dataset = _opened(data, truth)
-    chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
+    chosen = None if protocol is None else find_protocol(protocol)
     problems = Problems(method)
     loaded = load_in_memory(answers, dataset, split, method, problems, allow_missing=allow_missing)
     return _scored(loaded, problems, dataset, truth, chosen)
@@ -135,7 +136,7 @@ def _scored(
     if loaded is None:
         raise _refusal(problems)
     kind = loaded.submission.kind
-    protocol = chosen or read_protocol("matches" if kind == "matches" else "standard")
+    protocol = chosen or find_protocol("matches" if kind == "matches" else "standard")
     if kind != protocol.kind:
         raise CallError(
             f"protocol {protocol.name} scores submissions of kind {protocol.kind}",

@@ -25,7 +25,7 @@ from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettin
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
 from pliant.evaluator.metrics.surfaces import Surfaces, prefetched
-from pliant.evaluator.protocols.protocol import Protocol, metric_class
+from pliant.evaluator.protocols.protocol import Protocol, metric_class, recorded
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table
 from pliant.evaluator.statistics.bootstrap import intervals
 from pliant.evaluator.statistics.crossing import Crossing
@@ -214,6 +214,7 @@ def _provenance(
         "protocol": protocol.name,
         "protocol_version": protocol.version,
         "protocol_sha256": protocol.sha256,
+        **recorded(protocol),
         "headline": list(protocol.headline),
         "dataset": {
             "id": dataset.id,

@@ -280,7 +280,7 @@ def evaluate(
     split: str = "test",
     *,
     truth: Path | str | None = None,
-    protocol: str | None = None,
+    protocol: Path | str | None = None,
     allow_missing: bool = False,
 ) -> Scores:
     """Score answers.
@@ -292,7 +292,7 @@ def evaluate(
         split: The split of a table or an array; the result of `predict` and a submission name it.
         truth: The ground truth of the split, if the dataset does not contain it: a file, or the
             private half of a published dataset.
-        protocol: Name of a protocol (default: `standard`).
+        protocol: Name of a protocol (default: `standard`), or the JSON or YAML file of another.
         allow_missing: Score a query without an answer as the worst value.
 
     Raises:
@@ -311,7 +311,7 @@ def evaluate(
     opened = load(dataset)
     check_type("split", split, str)
     check_type("truth", truth, (*PATH, type(None)), required="a file, a folder or None")
-    check_type("protocol", protocol, (str, type(None)), required="the name of a protocol or None")
+    check_type("protocol", protocol, (*PATH, type(None)), required="a name, a file or None")
     check_type("allow_missing", allow_missing, bool)
     if answers is None or isinstance(answers, Dataset | Answers | int | float | bool):
         check_type("answers", answers, SplitAnswers, required=_ANSWERS)

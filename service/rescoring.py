@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pliant.evaluator.protocols.protocol import protocol_text
 from pliant.service.audit import HOST
 from pliant.service.challenge import Challenge
 from pliant.service.creation import copy_private
 from pliant.service.models import Version
-from pliant.service.versions import add_version, newest_versions, protocol_text, rescore
+from pliant.service.versions import add_version, newest_versions, rescore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.staging import discard

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +10,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
-from pliant.evaluator.protocols.protocol import Protocol, parse_protocol
+from pliant.evaluator.protocols.protocol import Protocol, parse_protocol, protocol_text
 from pliant.evaluator.submission.queries import read_queries
 from pliant.service.audit import HOST, log_time, record
 from pliant.service.challenge import CHALLENGE_YAML, Challenge
@@ -23,28 +22,6 @@ from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 
 RESCORE_PRIORITY = 1
-
-
-def protocol_text(name: str, path: Path | None = None, where: str | None = None) -> bytes:
-    """Return the text of a protocol.
-
-    Args:
-        name: One of `PROTOCOL_NAMES`, or the path of a protocol's JSON file.
-        path: The rules that name it; a relative path starts at their folder. None: it starts at
-            the current one.
-        where: The place in them.
-
-    Raises:
-        CallError: A protocol is neither built in nor a file.
-    """
-    if name in PROTOCOL_NAMES:
-        return (files("pliant.evaluator") / "protocols" / f"{name}.json").read_bytes()
-    file = Path(name) if path is None else path.parent / name
-    if not file.is_file():
-        required = f"{', '.join(PROTOCOL_NAMES)}, or a file"
-        found = repr(name)[:100]
-        raise CallError("no such protocol", path=path, where=where, found=found, required=required)
-    return file.read_bytes()
 
 
 def texts_of_protocols(phase: Phase, path: Path | None) -> list[bytes]:

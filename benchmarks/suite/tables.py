@@ -14,8 +14,8 @@ from pliant.benchmarks.suite.table import CLASSICAL, Row, arms, best, blocks, pa
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.comparison import Difference, differences
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.evaluator.report.cells import heading
 from pliant.evaluator.scores import Scores, read_scores
+from pliant.evaluator.statistics.ratios import Figure
 
 _SYMMETRIC: Final = "symmetric_rmse_px"
 _COLUMNS: Final = {
@@ -106,7 +106,7 @@ def _score_table(config: BenchmarkConfig, rows: Sequence[Row]) -> Table:
         "Method",
         "RMSE",
         *(["Paper"] * paper),
-        *(heading(name, protocol).label for name in columns),
+        *(_figure(name, protocol).title for name in columns),
         *(["RMSE of own matches"] * matches),
         *(["Train, CPU min"] * training),
         "Answer, CPU s per pair",
@@ -181,7 +181,7 @@ def _comparison(
     judged, against = (_reports(config, work, row, protocol, seeds) for row in (first, second))
     found = _difference(_pooled(against), _pooled(judged), metric)
     before, after = second.value(protocol, metric), first.value(protocol, metric)
-    place = f"{heading(metric, protocol).label}, {asked.set}, {TRACKS[asked.track]}"
+    place = f"{_figure(metric, protocol).title}, {asked.set}, {TRACKS[asked.track]}"
     if found is None or before is None or after is None:
         return (asked.question, first.label, second.label, place, "", "none")
     digits = _digits(metric, protocol)
@@ -271,4 +271,8 @@ def _written(value: float | None, digits: int) -> str:
 
 def _digits(metric: str, protocol: str) -> int:
     """Return how many digits after the point a metric is shown with: fewer for pixels."""
-    return 1 if heading(metric, protocol).stored_unit == "px" else 3
+    return 1 if _figure(metric, protocol).unit == "px" else 3
+
+
+def _figure(metric: str, protocol: str) -> Figure:
+    return read_protocol(protocol).figures[metric]

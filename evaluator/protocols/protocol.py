@@ -6,17 +6,23 @@ import functools
 import hashlib
 import importlib
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pliant.evaluator.metrics.base import Metric
+from pliant.evaluator.metrics.slices import Slices
 from pliant.evaluator.statistics.bootstrap import Bootstrap
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.queries import Queries
-from pliant.spec.configuration import Settings, settings_from, settings_to_dict
+from pliant.spec.configuration import Settings, read_mapping, settings_from, settings_to_dict
 from pliant.spec.constraints import NotEmpty
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.jsonfiles import parse_json
+from pliant.spec.io.reading import FileRefusedError
 
 _FOLDER: Final = resources.files("pliant.evaluator") / "protocols"
 PROTOCOL_NAMES: Final = tuple(
@@ -85,6 +91,13 @@ class Protocol(Settings):
         return {figure.name: figure for figure in found}
 
     @property
+    def headings(self) -> dict[str, Figure]:
+        """The metrics by name, and those that only slices have."""
+        slices = self.settings.get("slices")
+        of_slices = [] if slices is None else Slices.of_slice(slices)
+        return self.figures | {x.name: x for x in of_slices if x.name not in self.figures}
+
+    @property
     def ratios(self) -> dict[str, Ratio]:
         """The averaged metrics by name."""
         return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
@@ -127,21 +140,62 @@ class Protocol(Settings):
         return values
 
 
-def parse_protocol(text: bytes) -> Protocol:
+def protocol_text(name: str | Path, path: Path | None = None, where: str | None = None) -> bytes:
+    """Return the text of a protocol, as JSON.
+
+    Args:
+        name: One of `PROTOCOL_NAMES`, or the path of a protocol's JSON or YAML file.
+        path: The rules that name it; a relative path starts at their folder. None: it starts at
+            the current one.
+        where: The place in them.
+
+    Raises:
+        CallError: A protocol is neither built in nor a file.
+    """
+    if name in PROTOCOL_NAMES:
+        return (_FOLDER / f"{name}.json").read_bytes()
+    file = Path(name) if path is None else path.parent / name
+    if not file.is_file():
+        required = f"{', '.join(PROTOCOL_NAMES)}, or a file"
+        found = repr(str(name))[:100]
+        raise CallError("no such protocol", path=path, where=where, found=found, required=required)
+    if file.suffix in (".yaml", ".yml"):
+        return json.dumps(read_mapping(file)).encode()
+    return file.read_bytes()
+
+
+def parse_protocol(text: bytes, path: Path | None = None) -> Protocol:
     """Return the protocol of a JSON text.
+
+    Args:
+        text: From `protocol_text`.
+        path: The file it comes from, for messages.
 
     Raises:
         CallError: A setting is missing, unknown or invalid.
     """
-    values = {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
-    protocol = settings_from(Protocol, values)
-    _ = protocol.settings  # checks the families too
+    try:
+        values = parse_json(text, path or "protocol")
+    except FileRefusedError as error:
+        raise CallError(error.message, path=path, found=error.found, fix=error.fix) from error
+    if isinstance(values, dict):
+        values["sha256"] = hashlib.sha256(text).hexdigest()
+    protocol = settings_from(Protocol, values, path=path)
+    figures = protocol.figures  # checks the families too
+    if unknown := [name for name in protocol.headline if name not in figures]:
+        raise CallError(
+            "the headline names a metric that the protocol does not compute",
+            path=path,
+            where="headline",
+            found=", ".join(unknown),
+            required=", ".join(figures),
+        )
     return protocol
 
 
 @functools.cache
 def read_protocol(name: str) -> Protocol:
-    """Return a protocol by its name.
+    """Return a built-in protocol by its name.
 
     Args:
         name: One of `PROTOCOL_NAMES`.
@@ -155,7 +209,53 @@ def read_protocol(name: str) -> Protocol:
     """
     if name not in PROTOCOL_NAMES:
         raise CallError("no such protocol", found=repr(name), required=", ".join(PROTOCOL_NAMES))
-    return parse_protocol((_FOLDER / f"{name}.json").read_bytes())
+    return parse_protocol(protocol_text(name))
+
+
+def find_protocol(given: str | Path | Protocol) -> Protocol:
+    """Return a protocol that a call names: a built-in one, that of a file, or itself.
+
+    Args:
+        given: A protocol, or an argument of `protocol_text`.
+
+    Raises:
+        CallError: As `protocol_text` and `parse_protocol`.
+    """
+    if isinstance(given, Protocol):
+        return given
+    return parse_protocol(protocol_text(given), Path(given))
+
+
+def recorded(protocol: Protocol) -> dict[str, Any]:
+    """Return what scores.json says of a protocol that is not built in; nothing of another.
+
+    Pages and comparisons need neither its file nor the modules of its metrics: what they show and
+    how they average is in the scores.
+    """
+    name = protocol.name
+    if name in PROTOCOL_NAMES and read_protocol(name).sha256 == protocol.sha256:
+        return {}
+    figures = [asdict(each) for each in protocol.headings.values()]
+    return {"own_protocol": {"document": protocol.document, "figures": figures}}
+
+
+def figures_of(document: Mapping[str, Any]) -> dict[str, Figure]:
+    """Return the figures of scores.json by name; imports nothing that the document names.
+
+    Args:
+        document: The content of scores.json.
+    """
+    if "own_protocol" not in document:
+        return read_protocol(document["protocol"]).headings
+    rows = document["own_protocol"]["figures"]
+    figures = [Ratio(**row) if "numerator" in row else Figure(**row) for row in rows]
+    return {figure.name: figure for figure in figures}
+
+
+def ratios_of(document: Mapping[str, Any]) -> dict[str, Ratio]:
+    """Return the averaged metrics of scores.json by name, as `figures_of`."""
+    scored, figures = document["overall"], figures_of(document).values()
+    return {each.name: each for each in figures if isinstance(each, Ratio) and each.name in scored}
 
 
 @functools.cache
@@ -173,9 +273,10 @@ def metric_class(family: str) -> type[Metric[Any]]:
     if not name:
         module, name = f"pliant.evaluator.metrics.{family}", family.title()
     try:
-        found: type[Metric[Any]] = getattr(importlib.import_module(module), name)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise CallError(
-            "no such family of metrics", found=repr(family), required=f"class {name} in {module}"
-        ) from error
+        found: Any = getattr(importlib.import_module(module), name)
+    except (ModuleNotFoundError, AttributeError, TypeError, ValueError):  # `.a:B` is no module
+        found = None
+    if not isinstance(found, type) or not issubclass(found, Metric):
+        required = f"class {name} in {module}, a Metric"
+        raise CallError("no such family of metrics", found=repr(family), required=required)
     return found

@@ -10,11 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
-from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.metrics.base import OVERALL, listed_figures
 from pliant.evaluator.metrics.causes import CAUSES
-from pliant.evaluator.metrics.matches import Matches
-from pliant.evaluator.metrics.slices import Slices
-from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.protocols.protocol import figures_of
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.ratios import Figure
 
@@ -103,28 +101,15 @@ def format_rounded(value: float) -> str:
     return np.format_float_positional(value, SIGNIFICANT_DIGITS, fractional=False, trim="-")
 
 
-def heading(metric: str, protocol: str, *, rounded: bool = False) -> Heading:
-    """Return the heading of a metric under a protocol.
+def heading(metric: str, document: Mapping[str, Any]) -> Heading:
+    """Return the heading of a metric.
 
     Args:
         metric: Name of the metric.
-        protocol: Name of the protocol.
-        rounded: Whether its values are `public_scores`.
+        document: The content of scores.json.
     """
-    unknown = Figure(metric, "neither", "", metric)
-    figure = read_protocol(protocol).figures.get(metric, unknown)
-    return Heading.of(figure, rounded=rounded)
-
-
-def slice_headings(protocol: str) -> dict[str, Heading]:
-    """Return the headings of the figures of a slice, by name; none where a protocol has no slices.
-
-    Args:
-        protocol: Name of the protocol.
-    """
-    settings = read_protocol(protocol).settings.get("slices")
-    found = [] if settings is None else Slices.of_slice(settings)
-    return {figure.name: Heading.of(figure) for figure in found}
+    figure = figures_of(document).get(metric, Figure(metric, "neither", "", metric))
+    return Heading.of(figure, rounded="rounded" in document)
 
 
 def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
@@ -139,7 +124,7 @@ def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
         found["overall"] if group == OVERALL else found["tiers"].get(group, {})
         for found in (document, document["intervals"])
     )
-    shown = heading(metric, document["protocol"], rounded="rounded" in document)
+    shown = heading(metric, document)
     value, bounds = values.get(metric), intervals.get(metric)
     return Cell(
         value=shown.written(value),
@@ -153,8 +138,7 @@ def _match_coverage(document: Mapping[str, Any], values: Mapping[str, Any], metr
     share = values.get("match_coverage")
     if document["submission"]["kind"] != "matches" or share is None:
         return ""
-    settings = read_protocol(document["protocol"]).settings["matches"]
-    if metric in {each.name for each in Matches.figures(settings)}:  # of all pairs, or all matches
+    if metric in {each.name for each in listed_figures("matches", {})}:  # of all pairs or matches
         return ""
     return f"of {share * 100:.1f} % of the pairs"
 

@@ -21,8 +21,8 @@ from pliant.evaluator.comparison import (
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.evaluator.report.cells import cause_bars, heading, score_cell
+from pliant.evaluator.protocols.protocol import ratios_of
+from pliant.evaluator.report.cells import Heading, cause_bars, heading, score_cell
 from pliant.evaluator.report.charts import Chart, cdf_chart, interval_chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import board_verdict
@@ -92,11 +92,10 @@ def render_leaderboard(
     """
     check_comparable(reports)
     document = reports[0].document
-    protocol = document["protocol"]
     names = method_names(reports)
     main = document["headline"][0]
     competing = [i for i in range(len(reports)) if reports[i].method not in CONTROLS]
-    averaged = main in read_protocol(protocol).ratios
+    averaged = main in ratios_of(document)
     found = differences(reports, [main]) if averaged else []
     rivals = {names[i] for i in competing}
     among = [item for item in found if {item.method, item.against} <= rivals]
@@ -106,24 +105,22 @@ def render_leaderboard(
     standing = dict(zip(competing, places.get((OVERALL, main), alone), strict=True))
     if hide_truth:
         reports = [public_scores(report) for report in reports]
+    ranked = heading(main, reports[0].document)
     values = [each.overall.get(main) for each in reports]
     verdict = board_verdict(
         {names[i]: values[i] for i in competing},
         {each.method: value for each, value in zip(reports, values, strict=True)},
-        main,
-        protocol,
-        rounded=hide_truth,
+        ranked,
     )
     columns = [(OVERALL, metric) for metric in document["headline"]]
     tiers = list(document["tiers"])
     if len(tiers) > 1:
         columns += [(tier, main) for tier in tiers]
-    ranked = heading(main, protocol)
     order = sorted(range(len(reports)), key=lambda i: ranked.rank_key(reports[i].overall.get(main)))
     fact_names, facts = fact_table([each.document["submission"]["method"] for each in reports])
     charts: list[Chart] = []
     if not hide_truth:
-        charts = _differences(among, [names[i] for i in order if i in standing], main, protocol)
+        charts = _differences(among, [names[i] for i in order if i in standing], ranked)
         charts += error_curves(reports, names)
     shown = sorted(order, key=lambda i: i not in standing)
     rows = {
@@ -143,7 +140,7 @@ def render_leaderboard(
         "leaderboard.html.j2",
         d=reports[0].document,
         title=title or document["dataset"]["title"],
-        columns=[(group, heading(metric, protocol)) for group, metric in columns],
+        columns=[(group, heading(metric, document)) for group, metric in columns],
         groups=[OVERALL, *tiers],
         fact_names=fact_names,
         rows=[row for i, row in rows.items() if i in standing],
@@ -158,9 +155,7 @@ def render_leaderboard(
     )
 
 
-def _differences(
-    found: Sequence[Difference], names: Sequence[str], metric: str, protocol: str
-) -> list[Chart]:
+def _differences(found: Sequence[Difference], names: Sequence[str], shown: Heading) -> list[Chart]:
     """Return the differences of all methods from the first, with intervals, as a chart."""
     if not names:
         return []
@@ -174,7 +169,6 @@ def _differences(
             rows[item.against] = (-item.high, -item.value, -item.low)
     if not rows:
         return []
-    shown = heading(metric, protocol)
     ordered = {name: rows[name] for name in names if name in rows}
     title = f"{shown.label}: difference from {names[0]}"
     return [interval_chart(ordered, title=title, x=f"{shown.text}; blue: clear")]

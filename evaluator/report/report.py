@@ -12,7 +12,7 @@ from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report import charts
-from pliant.evaluator.report.cells import heading, score_cell, slice_headings
+from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.charts import Chart, Labels
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
@@ -91,8 +91,7 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         counted=_counted(document),
         # The figures of a single tier are those of the whole split.
         groups=groups[1:] if len(groups) == 2 else groups,
-        heading=partial(heading, protocol=document["protocol"], rounded="rounded" in document),
-        slice_headings=slice_headings(document["protocol"]),
+        heading=partial(heading, document=document),
         cell=partial(score_cell, document),
         no_interval=any(count < 3 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),
@@ -106,8 +105,13 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         shown_causes={example.cause for example in scores.examples},
         pictures=pictures,
         definitions=frames.definitions(),
-        protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
+        protocol_text=json.dumps(_rules(document), indent=1),
     )
+
+
+def _rules(document: Mapping[str, Any]) -> Any:
+    own = document.get("own_protocol")
+    return own["document"] if own else read_protocol(document["protocol"]).document
 
 
 def _counted(document: Mapping[str, Any]) -> str:
@@ -130,7 +134,7 @@ def _cause_groups(document: Mapping[str, Any]) -> list[tuple[str, Any]]:
 def _notes(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return (what, note) for people; the verdict has that about the controls."""
     return [
-        (heading(name, document["protocol"]).label, text.replace("`", ""))
+        (heading(name, document).label, text.replace("`", ""))
         for name, text in sorted(document["notes"].items())
         if name != "controls"
     ]

@@ -8,7 +8,7 @@ from typing import Any, Final
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
-from pliant.evaluator.report.cells import format_rounded, heading
+from pliant.evaluator.report.cells import Heading, format_rounded
 
 _WORTH_NAMING: Final = 0.05
 """Causes of less of the squared error than this are not named."""
@@ -63,21 +63,15 @@ def cause_sentences(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def board_verdict(
     values: Mapping[str, float | None],
     controls: Mapping[str, float | None],
-    metric: str,
-    protocol: str,
-    *,
-    rounded: bool = False,
+    shown: Heading,
 ) -> str:
     """Return a sentence about several methods against the best control; empty without one.
 
     Args:
         values: Name of a method -> its value over the split, or None.
         controls: The same of the controls, by the names of `CONTROLS`; others are left out.
-        metric: The metric.
-        protocol: Its protocol.
-        rounded: Whether the values are `public_scores`.
+        shown: The heading of the metric.
     """
-    shown = heading(metric, protocol, rounded=rounded)
     if shown.better == "neither":
         return ""
     methods = {name: value for name, value in values.items() if value is not None}
@@ -114,5 +108,5 @@ def joined(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _with_unit(shown: Any, value: float) -> str:
+def _with_unit(shown: Heading, value: float) -> str:
     return f"{shown.written(value)} {shown.unit}".strip()

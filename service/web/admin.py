@@ -12,12 +12,13 @@ from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
 from pliant.evaluator.hidden_truth import BITS_PER_FIGURE
+from pliant.evaluator.protocols.protocol import protocol_text
 from pliant.service.audit import log_time
 from pliant.service.ledger import Attempts, attempts, credit
 from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Token, Version
 from pliant.service.submissions import withdraw
 from pliant.service.teams import invite, new_token, revoke_token
-from pliant.service.versions import add_version, protocol_text, rescore, versions_of
+from pliant.service.versions import add_version, rescore, versions_of
 from pliant.service.web.api import MaybeNumber, phase_of
 from pliant.service.web.pages import page
 from pliant.service.web.security import Host, HostForm, TheSite

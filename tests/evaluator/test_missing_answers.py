@@ -65,7 +65,7 @@ def test_leaving_out_the_hardest_rows_improves_nothing(
         before = whole.overall if group == "overall" else whole.tiers[group]
         after = part.overall if group == "overall" else part.tiers[group]
         for metric, value in before.items():
-            better = heading(metric, "standard").better
+            better = heading(metric, {"protocol": "standard"}).better
             if better == "neither" or value is None:
                 continue
             judged.add(metric)

@@ -17,6 +17,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks
+from pliant.evaluator.report.cells import heading
 from pliant.evaluator.report.charts import interval_chart
 from pliant.evaluator.report.leaderboard import fact_table, render_leaderboard
 from pliant.evaluator.report.report import render_report
@@ -338,7 +339,8 @@ def test_sequences_that_are_only_targets_are_counted(scene_maker: Any, tmp_path:
 
 
 def test_the_verdict_of_two_methods() -> None:
-    said = board_verdict({"sift": 5.0, "orb": 6.0}, {"centroid": 9.0}, "rmse_px", "standard")
+    shown = heading("rmse_px", {"protocol": "standard"})
+    said = board_verdict({"sift": 5.0, "orb": 6.0}, {"centroid": 9.0}, shown)
     assert said.startswith("Both methods beat answering with the middle of the object (RMSE 9.0")
     assert said.endswith("the best is sift with 5.00 px.")
 
