@@ -14,7 +14,13 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError
+from sqlalchemy.exc import (
+    ArgumentError,
+    DBAPIError,
+    NoSuchModuleError,
+    OperationalError,
+    SQLAlchemyError,
+)
 from sqlalchemy.orm import Session
 
 from pliant.spec.errors import CallError
@@ -23,6 +29,10 @@ BUSY_S: Final = 5.0
 """How long a transaction waits for another one, or for the database to answer."""
 
 _DRIVERS: Final = ("sqlite", "postgresql", "postgresql+psycopg")
+_READ_ONLY: Final = "25006"
+"""SQLSTATE of a write to PostgreSQL where a standby, or the host, allows none."""
+
+_DISK_FULL: Final = "53100"
 _WRITE_LOCK: Final = 0x506C69616E74
 """Number of PostgreSQL's advisory lock: transactions that write the audit log take turns."""
 
@@ -90,10 +100,10 @@ class Database:
         """Bring the tables to this version.
 
         Raises:
-            CallError: There are none.
+            CallError: There are none, or they are newer.
         """
         with self.engine.begin() as connection:
-            self._revision(connection)
+            self._refuse_newer(self._revision(connection))
             command.upgrade(_alembic(connection), "head")
 
     def check(self) -> None:
@@ -102,7 +112,6 @@ class Database:
         Raises:
             CallError: It cannot be reached, or has other tables or none.
         """
-        expected = ScriptDirectory.from_config(_alembic()).get_current_head()
         try:
             with self.engine.connect() as connection:
                 found = self._revision(connection)
@@ -115,6 +124,8 @@ class Database:
                 if self.is_sqlite
                 else "Start it, or name another one with --database.",
             ) from error
+        self._refuse_newer(found)
+        expected = _scripts().get_current_head()
         if found != expected:
             raise CallError(
                 "the database has the tables of another version of Pliant",
@@ -135,6 +146,15 @@ class Database:
             )
         return found
 
+    def _refuse_newer(self, found: str) -> None:
+        if found not in {each.revision for each in _scripts().walk_revisions()}:
+            raise CallError(
+                "the database has the tables of a newer version of Pliant",
+                path=self.engine.url.render_as_string(hide_password=True),
+                found=f"revision {found}",
+                fix="Install that version again; or restore a backup of before the upgrade.",
+            )
+
 
 def sqlite_url(path: Path) -> str:
     """Return the URL of a SQLite file."""
@@ -142,10 +162,25 @@ def sqlite_url(path: Path) -> str:
 
 
 def is_unreachable(error: BaseException) -> bool:
-    """Return whether an error says that the database is down or locked: trying again may help."""
+    """Return whether an error says that the database is down, locked or read-only for now."""
     return isinstance(error, OperationalError) or (
-        isinstance(error, DBAPIError) and error.connection_invalidated
+        isinstance(error, DBAPIError)
+        and (error.connection_invalidated or _sqlstate(error) == _READ_ONLY)
     )
+
+
+def is_full(error: BaseException) -> bool:
+    """Return whether an error says that the database's disk is full."""
+    return _sqlstate(error) == _DISK_FULL or "is full" in str(error)  # PostgreSQL, SQLite
+
+
+def cause(error: SQLAlchemyError) -> dict[str, str]:
+    """Return what a log contains of an error: the statement and its values stay out."""
+    return {"error": str(getattr(error, "orig", error))}
+
+
+def _sqlstate(error: BaseException) -> str | None:
+    return getattr(getattr(error, "orig", None), "sqlstate", None)
 
 
 def now_ms() -> int:
@@ -196,6 +231,10 @@ def _configure_sqlite(connection: Any, record: Any) -> None:
 def _begin_sqlite(connection: Any) -> None:
     kind = connection.get_execution_options().get("pliant_begin", "DEFERRED")
     connection.exec_driver_sql(f"BEGIN {kind}")
+
+
+def _scripts() -> ScriptDirectory:
+    return ScriptDirectory.from_config(_alembic())
 
 
 def _alembic(connection: Any = None) -> Config:

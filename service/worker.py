@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 from pliant.service import queue
 from pliant.service.audit import SYSTEM, figures_sha256, log_time, record
 from pliant.service.challenge import Challenge
-from pliant.service.database import is_unreachable
+from pliant.service.database import cause, is_unreachable
 from pliant.service.models import Job, Score, State, Submission, Team, Version
 from pliant.service.queue import Lease
 from pliant.service.receipts import Signer
@@ -61,7 +61,7 @@ class Worker:
             except SQLAlchemyError as error:
                 if not is_unreachable(error):
                     raise
-                log.warning("the database cannot be used; trying again", extra=_cause(error))
+                log.warning("the database cannot be used; trying again", extra=cause(error))
                 self._stopping.wait(_RETRY_S)
             else:
                 if not busy:
@@ -134,7 +134,7 @@ class Worker:
             except SQLAlchemyError as error:
                 if not is_unreachable(error):
                     raise
-                log.warning("the database cannot be used; the result is kept", extra=_cause(error))
+                log.warning("the database cannot be used; the result is kept", extra=cause(error))
                 time.sleep(_RETRY_S)
 
     def _store(self, lease: Lease, outcome: Result | BaseException) -> None:
@@ -258,10 +258,6 @@ class _Heartbeat:
             with suppress(SQLAlchemyError):  # the database may be back before the lease ends
                 if not queue.renew(self._challenge.database, self._lease, limits):
                     return
-
-
-def _cause(error: SQLAlchemyError) -> dict[str, str]:
-    return {"error": str(getattr(error, "orig", error))}  # without the statement and its values
 
 
 def run_worker(challenge: Challenge, parent: BaseProcess | None = None) -> None:

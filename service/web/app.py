@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from importlib.metadata import version
@@ -19,6 +20,7 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 
 from pliant.service.challenge import Challenge
+from pliant.service.database import cause, is_full
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Observation
@@ -26,6 +28,8 @@ from pliant.service.web.security import Protection, optional_identity
 from pliant.service.web.state import Site, static_file
 from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import CallError, PliantError
+
+log = logging.getLogger(__name__)
 
 _UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
 _RETRY_AFTER_S = {"TOO_MANY_REQUESTS": "60", "DATABASE_UNREACHABLE": "5"}
@@ -145,8 +149,9 @@ def _add_errors(app: FastAPI, site: Site) -> None:
 
     @app.exception_handler(DBAPIError)
     @app.exception_handler(TimeoutError)
-    def no_database(request: Request, error: Exception) -> Response:
-        if "is full" in str(error):
+    def no_database(request: Request, error: DBAPIError | TimeoutError) -> Response:
+        log.warning("the database cannot be used", extra=cause(error))
+        if is_full(error):
             return full(request, error)
         return answer(
             request, 503, "DATABASE_UNREACHABLE", "the database cannot be reached; try again"

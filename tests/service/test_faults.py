@@ -7,7 +7,7 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -234,3 +234,60 @@ def test_a_full_database_disk(make_trial: MakeTrial) -> None:
         charged = session.scalar(select(func.sum(LedgerEntry.amount)))
         assert count == statuses.count(201) + 1 == -(charged or 0)
         verify_log(session)
+
+
+def test_a_full_database_disk_of_a_server(
+    make_trial: MakeTrial, postgres: Callable[[], str], caplog: pytest.LogCaptureFixture
+) -> None:
+    trial = make_trial("", postgres())
+    full = "BEGIN RAISE EXCEPTION 'could not extend file' USING ERRCODE = 'disk_full'; END"
+    with trial.challenge.database.engine.begin() as connection:
+        for each in (
+            f"CREATE FUNCTION full_disk() RETURNS trigger LANGUAGE plpgsql AS $$ {full} $$",
+            "CREATE TRIGGER full_disk BEFORE INSERT ON audit EXECUTE FUNCTION full_disk()",
+        ):
+            connection.exec_driver_sql(each)
+    with client_of(trial) as client:
+        answer = submit(client, trial.tokens[0], b"good")
+    assert (answer.status_code, answer.json()["code"]) == (507, "DISK_FULL")
+    [logged] = [vars(each) for each in caplog.records if "the database" in each.message]
+    assert "could not extend file" in logged["error"]  # for the host
+    assert not trial.values(select(LedgerEntry))
+
+
+def test_a_worker_waits_for_a_server_that_is_read_only(
+    make_trial: MakeTrial, postgres: Callable[[], str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """As after a failover to a standby, or where a provider's disk is nearly full."""
+    url = postgres()
+    trial = make_trial("", url)
+    trial.send(b"good")
+    engine = trial.challenge.database.engine
+
+    def set_read_only(value: str) -> None:
+        with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.exec_driver_sql("SET default_transaction_read_only = off")
+            name = connection.exec_driver_sql("SELECT current_database()").scalar()
+            connection.exec_driver_sql(
+                f"ALTER DATABASE {name} SET default_transaction_read_only = {value}"
+            )
+        engine.dispose()  # so that the setting counts
+
+    set_read_only("on")
+    worker = Worker(trial.challenge, quick)
+    thread = threading.Thread(target=worker.run)
+    thread.start()
+    try:
+        with client_of(trial) as client:
+            assert submit(client, trial.tokens[0], b"during").status_code == 503
+        end = time.monotonic() + 30
+        while "trying again" not in caplog.text:
+            assert thread.is_alive()
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        set_read_only("off")
+        trial.wait_until_idle(30)
+    finally:
+        worker.stop()
+        thread.join()
+    assert trial.values(select(Submission.state)) == [State.SCORED]

@@ -556,6 +556,17 @@ def test_a_sqlite_file_that_cannot_be_opened_is_no_server_to_start(tmp_path: Pat
         Database(sqlite_url(tmp_path / "none" / "challenge.sqlite")).check()
 
 
+def test_the_database_of_a_newer_version_is_not_upgraded(
+    make_trial: MakeTrial, refused: Refused
+) -> None:
+    trial = make_trial()
+    with trial.challenge.database.engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE alembic_version SET version_num = '9999'")
+    for command in ("audit", "upgrade"):
+        said = refused(2, "challenge", command, trial.challenge.root)
+        assert "of a newer version of Pliant; found revision 9999" in said
+
+
 def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: MakeTrial) -> None:
     trial = scored(make_trial())
     path = trial.challenge.root / "challenge.yaml"
