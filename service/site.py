@@ -13,7 +13,8 @@ from pliant.service.audit import log_time
 from pliant.service.challenge import Challenge
 from pliant.service.leaderboard import leaderboard
 from pliant.service.models import Score, Submission, Version
-from pliant.service.web.state import Site, default_phase, default_version, static_file
+from pliant.service.versions import default_version
+from pliant.service.web.state import Site, default_phase, static_file
 from pliant.service.web.views import board_csv
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged
@@ -46,7 +47,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
     with challenge.database.read() as session, staged(out) as folder:
         time_ms = log_time(session)
         phase = default_phase(challenge.settings.phases, time_ms)
-        first = default_version(session, phase)
+        first = default_version(session, challenge, phase)
         versions = session.scalars(select(Version).order_by(Version.id)).all()
         for version in versions:
             rules = challenge.settings.phase(version.phase)

@@ -158,7 +158,8 @@ def add_version(
 def add_missing_versions(session: Session, challenge: Challenge) -> None:
     """Add versions for the phases and protocols of `challenge.yaml` that have none yet.
 
-    What a phase has scored before is queued for a protocol that is new in it.
+    What a phase has scored before is queued for a protocol that is new in it, or a file with
+    another content. A built-in one stays as it was when the phase began.
 
     Raises:
         CallError: A phase has another truth than its versions, or `add_version` refuses one.
@@ -178,8 +179,11 @@ def add_missing_versions(session: Session, challenge: Challenge) -> None:
                 fix="Give another split a phase of its own; correct answers with: "
                 "pliant challenge rescore",
             )
-        for text in texts_of_protocols(phase, challenge.root / CHALLENGE_YAML):
-            if parse_protocol(text).name in {each.protocol for each in known}:
+        texts = texts_of_protocols(phase, challenge.root / CHALLENGE_YAML)
+        for name, text in zip(phase.protocols, texts, strict=True):
+            protocol = parse_protocol(text)
+            same = {each.protocol_sha256 for each in known if each.protocol == protocol.name}
+            if same and (name in PROTOCOL_NAMES or protocol.sha256 in same):
                 continue
             reason = "added to the rules" if known else "initial scoring"
             version = add_version(session, challenge, phase, text, truth, reason, actor=HOST)
@@ -202,6 +206,14 @@ def versions_of(session: Session, phase: str) -> list[Version]:
 def newest_versions(session: Session, phase: str) -> list[Version]:
     """Return the versions that a new submission is scored by: the newest of each protocol."""
     return list({each.protocol: each for each in versions_of(session, phase)}.values())
+
+
+def default_version(session: Session, challenge: Challenge, phase: Phase) -> Version | None:
+    """Return the newest version of a phase's first protocol, which its leaderboard opens with."""
+    found = versions_of(session, phase.name)
+    text = protocol_text(phase.protocols[0], challenge.root / CHALLENGE_YAML)
+    name = parse_protocol(text).name
+    return next(reversed([each for each in found if each.protocol == name] or found), None)
 
 
 def kind_of(challenge: Challenge, version: Version) -> Literal["answers", "matches"]:

@@ -20,8 +20,9 @@ from pliant.service.models import Score, Submission, Version
 from pliant.service.settings import Phase
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity
+from pliant.service.versions import default_version
 from pliant.service.web.security import Member, TheSite, Visitor, by_token
-from pliant.service.web.state import Site, default_phase, default_version
+from pliant.service.web.state import Site, default_phase
 from pliant.service.web.uploads import receive_file
 from pliant.service.web.views import (
     BoardView,
@@ -119,7 +120,7 @@ def version_of(session: Session, site: Site, phase: str | None, number: int | No
     """
     found = None if number is None else session.get(Version, number)
     if number is None or (found and phase and found.phase != phase):
-        found = default_version(session, phase_of(site, phase))
+        found = default_version(session, site.challenge, phase_of(site, phase))
     if found is None:
         raise NotAcceptedError("NOT_FOUND", 404, "no such version of scoring")
     return found

@@ -22,9 +22,7 @@ from pliant.service.audit import last_entry
 from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.leaderboard import Board
-from pliant.service.models import Version
 from pliant.service.settings import Phase, moment_text
-from pliant.service.versions import versions_of
 from pliant.service.web.throttle import Throttle
 from pliant.spec.lru_cache import LRUCache
 
@@ -119,13 +117,6 @@ def default_phase(phases: tuple[Phase, ...], time_ms: int) -> Phase:
     by_status = {phase.status(time_ms): phase for phase in phases}  # the last of each
     opened = (phase for phase in phases if phase.status(time_ms) == "open")
     return next(opened, by_status.get("closed", phases[0]))
-
-
-def default_version(session: Session, phase: Phase) -> Version | None:
-    """Return the newest version of a phase's first protocol."""
-    found = versions_of(session, phase.name)
-    first = [each for each in found if each.protocol == phase.protocols[0]]
-    return next(reversed(first or found), None)
 
 
 def _security_headers(templates: jinja2.Environment, https: bool) -> dict[str, str]:

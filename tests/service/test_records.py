@@ -35,7 +35,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
-from pliant.service.versions import add_missing_versions
+from pliant.service.versions import add_missing_versions, protocol_text
 from pliant.service.web.app import make_app
 from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.conftest import Refused
@@ -585,6 +585,35 @@ def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: Make
         # The form keeps the protocol, and leaves it with the phase.
         assert 'name="version" value="2"' in page
         assert "protocol <strong>standard</strong>" in client.get("/?version=1&phase=test").text
+
+
+def test_a_protocol_file_that_is_changed_scores_again_and_stays_the_first(
+    make_trial: MakeTrial, tmp_path: Path
+) -> None:
+    """Its name in the rules is a path: the leaderboard still opens with it."""
+    document = json.loads(protocol_text("standard")) | {"name": "mine"}
+    (tmp_path / "mine.json").write_text(json.dumps(document))
+    rules = "phases: [{name: test, split: test, protocols: [mine.json, standard]}]"
+    trial = scored(make_trial(rules))
+
+    def shown(challenge: Challenge) -> str:
+        with TestClient(make_app(challenge)) as client:
+            return str(client.get("/api/v1/leaderboard").json()["protocol"])
+
+    assert shown(trial.challenge) == f"mine {document['version']}"
+    root = trial.challenge.root
+    (root / "mine.json").write_text(json.dumps(document | {"version": "9.9"}))
+    path = root / "challenge.yaml"
+    first = trial.challenge.settings.phases[0].protocols[0]
+    path.write_text(path.read_text().replace(first, "mine.json"))
+    challenge = Challenge.open(root)
+    for _ in range(2):
+        with challenge.database.write() as session:
+            add_missing_versions(session, challenge)
+    Trial(challenge, None, trial.host, trial.tokens).work()
+    assert shown(challenge) == "mine 9.9"
+    assert len(rows(challenge)["version"]) == 3
+    assert len(rows(challenge)["score"]) == 6
 
 
 def test_a_phase_that_is_added_is_scored_by_the_corrected_answers(
