@@ -222,7 +222,7 @@ def kind_of(challenge: Challenge, version: Version) -> Literal["answers", "match
 
 
 def rescore(session: Session, versions: Sequence[Version], *, actor: str) -> int:
-    """Queue every scored submission for the versions that it has no score of.
+    """Queue every scored submission for the versions that it has no score of and waits for none.
 
     The scores it has stay as they are.
 
@@ -230,12 +230,14 @@ def rescore(session: Session, versions: Sequence[Version], *, actor: str) -> int
         Number of submissions queued.
     """
     queued = 0
+    waiting = session.scalars(select(Job).where(Job.state.in_(("queued", "leased"))))
+    found = {(job.submission_id, each) for job in waiting for each in job.versions}
+    found |= set(session.execute(select(Score.submission_id, Score.version_id)).all())
     for phase in {each.phase for each in versions}:
         wanted = [each.id for each in versions if each.phase == phase]
         scored = select(Submission).where(
             Submission.phase == phase, Submission.state == State.SCORED
         )
-        found = set(session.execute(select(Score.submission_id, Score.version_id)).all())
         for submission in session.scalars(scored.order_by(Submission.id)):
             missing = [each for each in wanted if (submission.id, each) not in found]
             if missing:

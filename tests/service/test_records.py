@@ -175,6 +175,8 @@ def test_rescoring_adds_scores_and_changes_none(
     before = rows(trial.challenge)["score"]
     versions, count = rescore_challenge(trial.challenge, None, "paper", None, "more figures")
     assert (len(versions), count) == (1, 2)
+    _, twice = rescore_challenge(trial.challenge, None, "paper", None, "they wait already")
+    assert twice == 0
     trial.work()
     after = rows(trial.challenge)["score"]
     assert after[: len(before)] == before
