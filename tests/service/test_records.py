@@ -22,6 +22,7 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import DBAPIError
 
 from pliant.cli.main import run
+from pliant.evaluator.protocols.protocol import protocol_text
 from pliant.service.archive import restore_challenge, write_archive, write_backup
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
@@ -35,7 +36,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
-from pliant.service.versions import add_missing_versions, protocol_text
+from pliant.service.versions import add_missing_versions
 from pliant.service.web.app import make_app
 from pliant.spec.errors import CallError, PliantError, SpecError
 from tests.conftest import Refused
