@@ -62,6 +62,7 @@ def public_scores(scores: Scores) -> Scores:
 def _rounded(values: dict[str, float | None], names: list[str]) -> dict[str, float | None]:
     return {
         name: None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
-        for name, value in values.items()
-        if name in names
+        for name in names
+        if name in values
+        for value in [values[name]]
     }

@@ -23,6 +23,7 @@ from sqlalchemy.exc import DBAPIError
 
 from pliant.cli.main import run
 from pliant.evaluator.protocols.protocol import protocol_text
+from pliant.evaluator import read_protocol
 from pliant.service.archive import restore_challenge, write_archive, write_backup
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
@@ -32,13 +33,14 @@ from pliant.service.models import APPEND_ONLY, Base, Score, State, Submission, V
 from pliant.service.queue import lease_next
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
 from pliant.service.rescoring import rescore_challenge
-from pliant.service.scoring import Result, Task
+from pliant.service.scoring import Result, Task, score
 from pliant.service.settings import Scoring, read_challenge_settings
 from pliant.service.site import write_challenge_site
 from pliant.service.teams import invite, team_of
 from pliant.service.versions import add_missing_versions
 from pliant.service.web.app import make_app
 from pliant.spec.errors import CallError, PliantError, SpecError
+from pliant.spec.io.yamlfiles import yaml_text
 from tests.conftest import Refused
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
@@ -526,6 +528,40 @@ def test_a_protocol_file_is_beside_the_rules_and_goes_into_the_challenge(
         add_missing_versions(session, challenge)  # as at the start of the service
         version = session.scalars(select(Version)).one()
     assert challenge.settings.phases[0].protocols == (f"protocols/{version.protocol_sha256}.json",)
+
+
+def test_figures_of_a_protocol_file_are_those_of_the_command_line(
+    service_halves: Halves, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = read_protocol("standard").document
+    document |= {"name": "mine", "headline": ["pck_2.5px", "rmse_px", "median_px"]}
+    document["metrics"]["pck"]["thresholds_px"] = [2.5]
+    given = tmp_path / "mine.yaml"
+    given.write_text(yaml_text(document))
+    config = tmp_path / "c.yaml"
+    config.write_text("phases: [{name: a, split: test, protocols: [mine.yaml, paper]}]")
+    halves = service_halves
+    create_challenge(tmp_path / "challenge", halves.public, halves.private, [], config)
+    challenge = Challenge.open(tmp_path / "challenge")
+    with challenge.database.write() as session:
+        token = invite(session, "Ada", actor="host")[1]
+    trial = Trial(challenge, None, "", (token,))
+    file = halves.submissions[0]
+    number = trial.send(file.read_bytes())
+    trial.work(lambda task, limits: score(task))
+    with TestClient(make_app(challenge)) as client:
+        view = client.get(f"/api/v1/submissions/{number}").json()
+        assert client.get("/api/v1/leaderboard").json()["protocol"] == "mine 1.3"  # the first one
+    stored = challenge.root / challenge.settings.phases[0].protocols[0]
+    capsys.readouterr()
+    for protocol in (given, stored):
+        data = ["--data", str(halves.public), "--truth", str(halves.private), "--hide-truth"]
+        assert run(["evaluate", str(file), *data, "--protocol", str(protocol), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["protocol_sha256"] == view["scores"][0]["protocol_sha256"]
+        assert found["tiers"] | {"overall": found["overall"]} == view["scores"][0]["figures"]
+    assert list(view["scores"][0]["figures"]["overall"]) == document["headline"]
+    challenge.database.engine.dispose()
 
 
 def test_a_challenge_with_a_database_of_its_own_takes_no_other(
