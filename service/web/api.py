@@ -226,21 +226,24 @@ async def post_submission(
     return view
 
 
-def own_views(session: Session, who: Identity, before: int | None) -> list[SubmissionView]:
-    """Return a page of the submissions of a team, of all teams for the host, the last first."""
-    query = select(Submission).order_by(Submission.id.desc()).limit(_PAGE)
+def own_views(
+    session: Session, who: Identity, before: int | None
+) -> tuple[list[SubmissionView], bool]:
+    """Return a page of the submissions of a team, of all for the host, and whether more follow."""
+    query = select(Submission).order_by(Submission.id.desc()).limit(_PAGE + 1)
     if not who.is_host:
         query = query.where(Submission.team_id == who.team_id)
     if before is not None:
         query = query.where(Submission.id < before)
-    return [submission_view(session, each, who) for each in session.scalars(query)]
+    found = session.scalars(query).all()
+    return [submission_view(session, each, who) for each in found[:_PAGE]], len(found) > _PAGE
 
 
 @router.get("/submissions")
 def get_submissions(site: TheSite, who: Member, before: MaybeNumber = None) -> list[SubmissionView]:
     """Return the last 100 submissions, or those before one; a team sees its own."""
     with site.database.read() as session:
-        return own_views(session, who, before)
+        return own_views(session, who, before)[0]
 
 
 @router.get("/submissions.csv", response_class=PlainTextResponse)
@@ -251,9 +254,9 @@ def get_submissions_csv(
     fields = ("id", "team", "phase", "state", "method", "file_name", "file_sha256", "submitted_ms")
     rows = []
     with site.database.read() as session:
-        for view in own_views(session, who, before):
+        for view in own_views(session, who, before)[0]:
             scores = {each.version: each.figures["overall"] for each in view.scores}
-            values = view.model_dump()
+            values = view.model_dump() | ({"state": "withdrawn"} if view.withdrawn else {})
             rows.append([*(values[name] for name in fields), json.dumps(scores)])
     return PlainTextResponse(csv_text([*fields, "scores"], rows), media_type="text/csv")
 

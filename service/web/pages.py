@@ -190,8 +190,8 @@ def submissions(site: TheSite, who: Visitor, before: MaybeNumber = None) -> HTML
     if who is None:
         return page(site, "login.html.j2", None, next="/submissions")
     with site.database.read() as session:
-        views = own_views(session, who, before)
-        return page(site, "submissions.html.j2", who, views=views, before=before)
+        views, more = own_views(session, who, before)
+        return page(site, "submissions.html.j2", who, views=views, more=more, before=before)
 
 
 @router.get("/submissions/{number}")

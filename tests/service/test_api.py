@@ -24,6 +24,7 @@ from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
 from pliant.service.settings import Scoring
 from pliant.service.store import FolderStore
+from pliant.service.web import api
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
@@ -329,6 +330,17 @@ def test_the_csv_of_a_page_of_submissions_has_the_same_ones(
         assert [row["id"] for row in rows] == numbers
 
 
+def test_a_full_page_links_to_earlier_submissions_if_there_are_some(
+    plain: Trial, plain_client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api, "_PAGE", 2)
+    team = SignedIn(plain_client, plain.tokens[0])
+    for content, linked in ((b"1", False), (b"2", False), (b"3", True)):
+        plain.send(content)
+        assert ("Earlier ones" in team.get("/submissions").text) == linked
+        assert len(team.get(f"{API}/submissions").json()) <= 2
+
+
 def test_times_of_phases_are_shown_in_utc(make_trial: MakeTrial) -> None:
     trial = make_trial(
         "phases:\n- {name: later, split: test, opens: 2199-03-01T00:00:00+09:00}\n"
@@ -491,6 +503,8 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     assert [row["team"] for row in board["rows"]] == ["Grace"]
     assert '<span class="state withdrawn">' in host.get("/submissions/1").text
     assert client.get(f"{API}/submissions/1").status_code == 404
+    table = csv.DictReader(io.StringIO(host.get(f"{API}/submissions.csv").text))
+    assert [row["state"] for row in table] == ["scored", "withdrawn"]
     assert host.post("/admin/credit", team=2, phase="test", amount=3).status_code == 303
     page = host.post(
         "/admin/rescore", phase="test", protocol="paper", reason="the paper's figures"
