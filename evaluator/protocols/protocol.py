@@ -12,13 +12,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+from pydantic import model_validator
+
 from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.metrics.slices import Slices
 from pliant.evaluator.statistics.bootstrap import Bootstrap
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings, read_mapping, settings_from, settings_to_dict
-from pliant.spec.constraints import NotEmpty
+from pliant.spec.constraints import NotEmpty, Refused
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import parse_json
@@ -71,6 +73,12 @@ class Protocol(Settings):
     metrics: dict[str, dict[str, Any]]
     bootstrap: Bootstrap
     sha256: str
+
+    @model_validator(mode="after")
+    def _check(self) -> Protocol:
+        if self.kind == "matches" and "matches" not in self.metrics:
+            raise Refused("the family matches, which places keypoint matches", "metrics")
+        return self
 
     @functools.cached_property
     def settings(self) -> dict[str, Any]:

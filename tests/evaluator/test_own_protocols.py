@@ -144,6 +144,7 @@ def test_scores_do_not_name_a_file_to_read(scene: Any, tmp_path: Path) -> None:
         ({"metrics": {":Pck": {}}}, "no such family of metrics; found ':Pck'"),
         ({"metrics": {".pck:Pck": {}}}, "no such family of metrics; found '.pck:Pck'"),
         ({"kind": "answer"}, "mine.json, kind: unknown value"),
+        ({"kind": "matches"}, "mine.json, metrics: .*required: the family matches"),
         ({"counts": "all"}, "mine.json, counts: unknown setting"),
     ],
 )
