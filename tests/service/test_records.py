@@ -22,8 +22,8 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import DBAPIError
 
 from pliant.cli.main import run
-from pliant.evaluator.protocols.protocol import protocol_text
 from pliant.evaluator import read_protocol
+from pliant.evaluator.protocols.protocol import protocol_text
 from pliant.service.archive import restore_challenge, write_archive, write_backup
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
