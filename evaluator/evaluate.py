@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.protocols.protocol import Protocol, find_protocol
+from pliant.evaluator.protocols.protocol import Protocol, find_protocol, read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.scoring import score
 from pliant.evaluator.submission.loading import Given, Loaded, load, load_in_memory
@@ -136,7 +136,7 @@ def _scored(
     if loaded is None:
         raise _refusal(problems)
     kind = loaded.submission.kind
-    protocol = chosen or find_protocol("matches" if kind == "matches" else "standard")
+    protocol = chosen or read_protocol("matches" if kind == "matches" else "standard")
     if kind != protocol.kind:
         raise CallError(
             f"protocol {protocol.name} scores submissions of kind {protocol.kind}",

@@ -60,9 +60,8 @@ def public_scores(scores: Scores) -> Scores:
 
 
 def _rounded(values: dict[str, float | None], names: list[str]) -> dict[str, float | None]:
+    chosen = {name: values[name] for name in names if name in values}
     return {
         name: None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
-        for name in names
-        if name in values
-        for value in [values[name]]
+        for name, value in chosen.items()
     }

@@ -94,10 +94,11 @@ class Worker:
                 # Of a check, and of a phase that was new.
                 versions = versions or newest_versions(session, submission.phase)
                 phase = self.challenge.settings.phase(submission.phase)
+                time_ms = log_time(session)
                 others = tuple(
                     (each.name, each.split, kind_of(self.challenge, way))
                     for each in self.challenge.settings.phases
-                    if each is not phase and each.status(log_time(session)) == "open"
+                    if each is not phase and each.status(time_ms) == "open"
                     for way in newest_versions(session, each.name)[:1]
                 )
                 ways = tuple(

@@ -231,6 +231,8 @@ def find_protocol(given: str | Path | Protocol) -> Protocol:
     """
     if isinstance(given, Protocol):
         return given
+    if given in PROTOCOL_NAMES:
+        return read_protocol(str(given))
     return parse_protocol(protocol_text(given), Path(given))
 
 
@@ -282,7 +284,7 @@ def metric_class(family: str) -> type[Metric[Any]]:
         module, name = f"pliant.evaluator.metrics.{family}", family.title()
     try:
         found: Any = getattr(importlib.import_module(module), name)
-    except (ModuleNotFoundError, AttributeError, TypeError, ValueError):  # `.a:B` is no module
+    except (ModuleNotFoundError, AttributeError, TypeError, ValueError):  # such as `.a:B` and `:B`
         found = None
     if not isinstance(found, type) or not issubclass(found, Metric):
         required = f"class {name} in {module}, a Metric"

@@ -163,7 +163,7 @@ def test_a_bad_path_is_one_sentence(
     bad = tmp_path / f"bad{Path(kind).suffix}"
     DAMAGES[damage](bad, good[kind])
     code = _fails_in_one_sentence(_call(kind, call, bad, good, tmp_path), capfd)
-    if kind == "DATA":  # nothing is read of what is no folder: the call is wrong, not the data
+    if kind == "DATA":  # a file in place of the dataset's folder is a wrong call
         assert code == (1 if damage == "a folder" else 2)
 
 

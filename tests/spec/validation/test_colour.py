@@ -133,7 +133,7 @@ def test_a_shift_moves_both_sides_of_an_object() -> None:
 
 
 def test_a_shadow_on_one_side_is_no_certain_shift() -> None:
-    """The other side of a thin object gains a little too: a shift of one side is no proof."""
+    """A shadow raises the contrast on one side much and, by chance, on the other a little."""
     measured = edges(40, 90, count=48)
     measured.contrast[1::2, REACH + 2] = 44 + np.random.default_rng(0).normal(0, 20, 24)
     gain = measured.contrast[:, REACH + 2] - 40
