@@ -98,7 +98,7 @@ class Protocol(Settings):
         ]
         return {figure.name: figure for figure in found}
 
-    @property
+    @functools.cached_property
     def headings(self) -> dict[str, Figure]:
         """The metrics by name, and those that only slices have."""
         slices = self.settings.get("slices")
