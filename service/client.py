@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import re
+import ssl
 import time
 import urllib.error
 import urllib.request
@@ -122,11 +123,16 @@ class Client:
             with error:
                 raise _refusal(error, self._root) from error
         except (OSError, ValueError) as error:
+            reason = getattr(error, "reason", error)
+            if isinstance(reason, ssl.SSLCertVerificationError):
+                raise CallError(
+                    "the service's certificate is not valid here",
+                    path=self._root,
+                    found=reason.verify_message,
+                    fix="If you trust it, name its file in SSL_CERT_FILE.",
+                ) from error
             raise _UnavailableError(
-                _SILENT[0],
-                path=self._root,
-                found=str(getattr(error, "reason", error)),
-                fix=_TRY_AGAIN,
+                _SILENT[0], path=self._root, found=str(reason), fix=_TRY_AGAIN
             ) from error
 
 

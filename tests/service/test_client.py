@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import socket
+import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509 import CertificateBuilder, Name, NameAttribute
+from cryptography.x509.oid import NameOID
 
 from pliant.cli.submit import print_submission
 from pliant.service.client import Client
@@ -19,7 +25,7 @@ STRANGER = b"<html>Not here</html>"
 
 
 @contextmanager
-def answering(status: str, body: bytes) -> Iterator[str]:
+def answering(status: str, body: bytes, context: ssl.SSLContext | None = None) -> Iterator[str]:
     """Run a server that answers each request before it has read it, and closes the connection."""
     head = f"HTTP/1.1 {status}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -30,13 +36,15 @@ def answering(status: str, body: bytes) -> Iterator[str]:
                     connection = server.accept()[0]
                 except OSError:
                     return
-                with connection:
+                with connection, suppress(ssl.SSLError):
+                    if context is not None:
+                        connection = context.wrap_socket(connection, server_side=True)
                     connection.recv(100)
                     connection.sendall(head.encode() + body)
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
-        yield f"http://127.0.0.1:{server.getsockname()[1]}"
+        yield f"{'http' if context is None else 'https'}://127.0.0.1:{server.getsockname()[1]}"
         server.shutdown(socket.SHUT_RDWR)
         thread.join()
 
@@ -69,6 +77,25 @@ def test_a_proxy_that_answers_in_place_of_the_service(
 def test_an_address_of_something_else(large: Path) -> None:
     message = "not the answer of an evaluation service"
     with answering("404 Not Found", STRANGER) as address, pytest.raises(CallError, match=message):
+        Client(address, "pliant_a_b").send(large)
+
+
+def test_a_certificate_that_is_not_known(large: Path, tmp_path: Path) -> None:
+    key, name = Ed25519PrivateKey.generate(), Name([NameAttribute(NameOID.COMMON_NAME, "host")])
+    now = datetime.now(UTC)
+    made = CertificateBuilder(name, name, key.public_key(), 1, now, now + timedelta(1))
+    held = tmp_path / "both.pem"
+    held.write_bytes(
+        key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        + made.sign(key, None).public_bytes(Encoding.PEM)
+    )
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(held)
+    message = r"self-signed certificate.*SSL_CERT_FILE"
+    with (
+        answering("413 Too Large", REFUSED, context) as address,
+        pytest.raises(CallError, match=message),
+    ):
         Client(address, "pliant_a_b").send(large)
 
 
