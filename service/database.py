@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,6 +48,8 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.engine = _engine(url)
+        # SQLite writes its log into the file when the last connection is closed.
+        weakref.finalize(self, self.engine.dispose)
 
     @property
     def is_sqlite(self) -> bool:
@@ -122,7 +125,7 @@ class Database:
                 found=" ".join(str(error.orig).split())[:200],
                 fix="Free some space, and check who may write its folder; or restore a backup."
                 if self.is_sqlite
-                else "Start it, or name another one with --database.",
+                else "Start it, check user and password, or name another one with --database.",
             ) from error
         self._refuse_newer(found)
         expected = _scripts().get_current_head()

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from pliant.cli.main import run
+from pliant.evaluator import read_protocol
 from pliant.spec.io.parquet import read_table
 from tests.service.conftest import Halves, MakeTrial
 from tests.service.server import Server, serving
@@ -26,7 +27,7 @@ PAGES = (
     "/submissions/1", "/submissions/2", "/admin", "/admin/audit", "/healthz",
     "/api/v1/challenge", "/api/v1/leaderboard", "/api/v1/leaderboard.csv", "/api/v1/submissions",
     "/api/v1/submissions.csv", "/api/v1/submissions/1", "/api/v1/submissions/1/receipt",
-    "/api/v1/submissions/2", "/api/v1/key",
+    "/api/v1/submissions/2", "/api/v1/key", f"/api/v1/protocols/{read_protocol('standard').sha256}",
     "/api/v1/openapi.json", "/no/such/page", "/api/v1/leaderboard?version=99",
     "/data/truth/test.parquet", "/data/../private/1/truth/test.parquet",
 )  # fmt: skip
@@ -45,7 +46,9 @@ def fetch(address: str, token: str | None = None) -> bytes:
 def test_port_0_is_any_free_port_and_a_taken_one_is_refused(
     make_trial: MakeTrial, tmp_path: Path
 ) -> None:
-    root, log = make_trial().challenge.root, tmp_path / "log"
+    challenge, log = make_trial().challenge, tmp_path / "log"
+    challenge.database.engine.dispose()
+    root = challenge.root
     server = Server(root, log, "--workers", "0", "--port", "0")
     try:
         end = time.monotonic() + 120
@@ -59,6 +62,7 @@ def test_port_0_is_any_free_port_and_a_taken_one_is_refused(
         assert Server(root, log, "--workers", "0", "--port", port).process.wait(120) == 2
         assert f"127.0.0.1:{port}: the server cannot start. Choose another" in log.read_text()
         assert server.stop() == 0
+        assert not list(root.glob("*-wal")), "the database is one file once nothing runs"
     finally:
         server.kill()
 
