@@ -296,6 +296,17 @@ def get_receipt(
     return receipt
 
 
+@router.get("/protocols/{sha256}", response_class=FileResponse)
+def get_protocol(
+    site: TheSite, sha256: Annotated[str, Path(pattern="^[0-9a-f]{64}$")]
+) -> FileResponse:
+    """Return a protocol that scores, as the JSON file that `pliant evaluate --protocol` reads."""
+    path = site.challenge.protocol_path(sha256)
+    if not path.is_file():
+        raise NotAcceptedError("NOT_FOUND", 404, "no such protocol")
+    return FileResponse(path, media_type="application/json", filename=f"protocol-{sha256[:8]}.json")
+
+
 @router.get("/key", response_class=PlainTextResponse)
 def get_key(site: TheSite) -> PlainTextResponse:
     """Return the public key that verifies receipts (PEM)."""

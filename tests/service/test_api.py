@@ -19,6 +19,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, text
 
 from pliant.evaluator import read_protocol
+from pliant.evaluator.protocols.protocol import parse_protocol
 from pliant.service.models import Submission
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
@@ -428,6 +429,17 @@ def test_a_client_or_a_service_that_goes_away(plain: Trial, stopped: bool, statu
     asyncio.run(make_app(plain.challenge)(scope, receive, send))  # type: ignore[arg-type]
     assert sent[0]["status"] == status
     assert not list(plain.challenge.incoming.iterdir())
+
+
+def test_the_protocol_that_scores_can_be_downloaded(plain_client: TestClient) -> None:
+    address = f"{API}/protocols/{read_protocol('standard').sha256}"
+    assert f'href="{address}"' in plain_client.get("/").text
+    assert f'href="{address}"' in plain_client.get("/rules").text
+    given = plain_client.get(address)
+    assert parse_protocol(given.content).sha256 == read_protocol("standard").sha256
+    assert "attachment" in given.headers["content-disposition"]
+    assert plain_client.get(f"{API}/protocols/{'0' * 64}").json()["code"] == "NOT_FOUND"
+    assert plain_client.get(f"{API}/protocols/..%2f..%2fchallenge").status_code in (404, 422)
 
 
 def test_download_in_ranges(plain_client: TestClient, service_halves: Halves) -> None:
