@@ -39,7 +39,8 @@ def _methods() -> Iterator[dict[str, Any]]:
     from pliant.baselines.fused_tracker import PREFIX as FUSED
     from pliant.baselines.fused_tracker import FusedTracker
     from pliant.baselines.plugins import plugged_in
-    from pliant.models.shipped import shipped_names
+    from pliant.models import CARD
+    from pliant.models.shipped import FOLDER, shipped_names
     from pliant.models.timecycle import CARRIED
 
     train = None
@@ -48,8 +49,8 @@ def _methods() -> Iterator[dict[str, Any]]:
     for name, make in METHODS.items():
         yield _row(name, "built in", inspect.getdoc(make) or "", _missing(make))
     for name in shipped_names():
-        about = "Trained model; its card is in the package."
-        yield _row(name, "shipped model", about, train)
+        first = (FOLDER / name / CARD).read_text("utf-8").split("\n\n")[1].partition(". ")[0]
+        yield _row(name, "shipped model", f"{first.replace('`', '')}.", train)
     about, lacking = inspect.getdoc(FusedTracker) or "", not is_installed("cv2")
     missing = install_command("classical") if lacking else None
     yield _row(f"{FUSED}METHOD", "built in", about, missing)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,7 @@ def test_bad_match_calls(
 
 def test_every_method_is_listed(called: Called) -> None:
     _, said, _ = called("methods")
+    assert re.search(r"don-cloth +Trained on tiers cloth-1, cloth-2 and cloth-3\.\n", said)
     assert {*METHODS} <= {line.split()[0] for line in said.splitlines()}
     _, said, _ = called("match", "--help")
     assert "pliant methods" in said
