@@ -34,7 +34,6 @@ class ColumnChunk:
     Attributes:
         row_group: Index of the row group.
         path: Names from the top-level column to the leaf.
-        rows: Rows of the row group.
         values: Values of the chunk, nulls included.
         uncompressed_bytes: Size of its pages once decompressed.
         is_text: Whether its values are byte arrays of any length.
@@ -43,11 +42,10 @@ class ColumnChunk:
 
     row_group: int
     path: tuple[str, ...]
-    rows: int
     values: int
     uncompressed_bytes: int
-    is_text: bool = False
-    encodings: tuple[int, ...] = ()
+    is_text: bool
+    encodings: tuple[int, ...]
 
     @property
     def has_delta_text(self) -> bool:
@@ -93,7 +91,7 @@ def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
 
 # Field number -> how to read it: None keeps the value, a mapping keeps a structure's fields.
 _META_DATA: Final[dict[int, Any]] = {1: None, 2: None, 3: None, 5: None, 6: None}
-_ROW_GROUP: Final[dict[int, Any]] = {1: {3: _META_DATA}, 3: None}
+_ROW_GROUP: Final[dict[int, Any]] = {1: {3: _META_DATA}}
 _FILE: Final[dict[int, Any]] = {4: _ROW_GROUP}
 
 
@@ -109,7 +107,6 @@ def _column_chunks(footer: bytes) -> tuple[ColumnChunk, ...]:
                 ColumnChunk(
                     index,
                     path,
-                    rows=int(group[3]),
                     values=int(meta[5]),
                     uncompressed_bytes=int(meta[6]),
                     is_text=meta[1] == _BYTE_ARRAY,
