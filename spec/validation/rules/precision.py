@@ -120,7 +120,7 @@ def coarse_form(rgb: npt.NDArray[np.uint8]) -> str | None:
     if min(luma.shape) < 3 * BLOCK:
         return None
     if _compressed(luma):
-        return "have the blocks of strong JPEG compression"
+        return JPEG
     rows, columns = (max(1, side // 120) for side in luma.shape)  # some of them are enough
     if _doubled(luma[::rows]) and _doubled(luma.T[::columns]):
         return "look like pictures of half the size, enlarged"
