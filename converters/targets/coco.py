@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pliant.converters.targets.recording import Options, Recording
 from pliant.spec.conventions import OUT_OF_FRAME
 from pliant.spec.io.png import write_rgb
+from pliant.spec.mask_box import mask_box
 from pliant.spec.sequence import SequenceRecord
 
 DEFAULT_POINTS: Final = 64
@@ -88,10 +89,9 @@ def _region(mask: npt.NDArray[np.bool_] | None) -> dict[str, Any]:
     flat = mask.ravel(order="F")
     changes = np.flatnonzero(np.diff(flat, prepend=False))
     counts = np.diff(np.concatenate([[0], changes, [flat.size]]))
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    left, top = int(columns[0]), int(rows[0])
+    rows, columns = mask_box(mask)
     return {
         "segmentation": {"size": list(mask.shape), "counts": [int(each) for each in counts]},
         "area": int(mask.sum()),
-        "bbox": [left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top],
+        "bbox": [columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start],
     }
