@@ -163,10 +163,8 @@ def convert(
             required="0.001 to 1,000,000 Hz",
         )
     require_packages(target.packages, f"conversion to {target.title}", "convert")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise CallError("the folder is not empty", path=out, fix="Name a new folder.")
     module = importlib.import_module(f"pliant.converters.targets.{target.name}")
-    with staged(out) as folder:
+    with staged(out, new=True) as folder:
         for done, _ in enumerate(module.write(sequences, folder, options), start=1):
             if progress is not None:
                 progress(done, len(sequences))

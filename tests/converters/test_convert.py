@@ -236,7 +236,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert f"Wrote 2 sequences to {out}. Open with: numpy, " in shown.out
     assert f"`pliant import '{out}'`" in shown.out
     assert run(call) == 2  # the folder has files
-    assert "not empty" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert run([*call[:-1], str(tmp_path / "b"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["sequences"] == 2
     assert run([*call[:-3], "webdataset", "--out", str(tmp_path / "c")]) == 0
