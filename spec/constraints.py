@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from pydantic import AfterValidator
 from pydantic_core import core_schema
 
 from pliant.spec.conventions import NAME, VERSION
@@ -195,20 +196,16 @@ class Pattern(_Constraint):
         return value
 
 
-@dataclass(frozen=True)
-class _Shown(_Constraint):
-    def check(self, value: str) -> str:
-        if unsafe_character(value, lines=True) is not None:
-            raise Refused("a text without control and bidirectional characters")
-        return value
+def _shown(value: str) -> str:
+    if unsafe_character(value, lines=True) is not None:
+        raise Refused("a text without control and bidirectional characters")
+    return value
 
 
-@dataclass(frozen=True)
-class _Ordered(_Constraint):
-    def check(self, value: Any) -> Any:
-        if value[0] > value[1]:
-            raise Refused("[low, high] with low <= high")
-        return value
+def _ordered(value: Any) -> Any:
+    if value[0] > value[1]:
+        raise Refused("[low, high] with low <= high")
+    return value
 
 
 @dataclass(frozen=True)
@@ -240,13 +237,13 @@ Name = Annotated[
 Version = Annotated[str, Pattern(VERSION, "three numbers, such as 1.0.0")]
 """A version of a dataset."""
 
-Shown = Annotated[str, _Shown()]
+Shown = Annotated[str, AfterValidator(_shown)]
 """A text for people, of one or more lines."""
 
-Range = Annotated[tuple[float, float], _Ordered()]
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 """(low, high) with low <= high."""
 
-WholeRange = Annotated[tuple[int, int], _Ordered()]
+WholeRange = Annotated[tuple[int, int], AfterValidator(_ordered)]
 """(low, high), whole numbers with low <= high."""
 
 Count = Annotated[int, Bounds(1)]
