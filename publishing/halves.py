@@ -62,7 +62,7 @@ class _VerifiedFiles(Mapping[str, bytes]):
         if name in self._added:
             return self._added[name]
         sha256 = self._checksums[name]
-        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
+        limit = limits.max_file_bytes(name)
         data = read_bytes(self._folder / name, limit)
         found = hashlib.sha256(data).hexdigest()
         if found != sha256:

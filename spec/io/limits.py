@@ -28,3 +28,8 @@ MAX_FOOTER_ONLY_ROWS: Final = 2**40
 MAX_CHUNK_BYTES: Final = 2**28
 MAX_CHUNK_VALUES: Final = 2**26
 MAX_TEXT_BYTES: Final = 2**31 - 1
+
+
+def max_file_bytes(name: str) -> int:
+    """Return how large a table or an image of a sequence may be."""
+    return MAX_TABLE_BYTES if name.endswith(".parquet") else MAX_IMAGE_FILE_BYTES

@@ -60,7 +60,7 @@ class PackedFiles:
         if member is None:
             raise FileRefusedError("FILE_MISSING", "the file is not there", path=shown)
         shard, offset, count = member
-        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
+        limit = limits.max_file_bytes(name)
         if not 0 <= count <= limit or offset < 0 or not layout.is_shard_name(shard):
             raise FileRefusedError(
                 "INDEX_INVALID",

@@ -60,7 +60,7 @@ class SequenceFiles:
             return None
         if name not in self.hashes:
             return file
-        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
+        limit = limits.max_file_bytes(name)
         listed, listed_size = self.hashes[name]
         found = None
         try:
