@@ -18,7 +18,6 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -78,14 +77,13 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     open_questions = 0
     names: list[str] = arguments.targets or list(TARGETS)
-    for _, together in groupby(names, key=lambda name: TARGETS[name].tests):
-        group = list(together)
+    for name in names:
         child = os.fork()
         if child == 0:
-            run(group, arguments)
+            run(name, arguments)
             os._exit(0)
         os.waitpid(child, 0)
-        open_questions += sum(summarise(name, arguments) for name in group)
+        open_questions += summarise(name, arguments)
     return 1 if open_questions else 0
 
 
@@ -119,25 +117,20 @@ def read_results(path: Path) -> dict[str, str]:
     return {row["key"]: row["status"] for row in map(json.loads, lines)}
 
 
-def run(names: list[str], arguments: argparse.Namespace) -> None:
-    """Run the mutants without a result of targets that have the same tests."""
+def run(name: str, arguments: argparse.Namespace) -> None:
+    """Run a target's mutants without a result."""
     again = (SURVIVED, UNCOVERED) if arguments.survivors else (None,)
-    target_of: dict[str, str] = {}
-    mutants = []
-    for name in names:
-        done = read_results(arguments.out / f"{name}.jsonl")
-        for mutant in chosen(name, arguments)[0]:
-            if done.get(mutant.key) in again:
-                target_of[mutant.key] = name
-                mutants.append(mutant)
+    results = arguments.out / f"{name}.jsonl"
+    done = read_results(results)
+    mutants = [each for each in chosen(name, arguments)[0] if done.get(each.key) in again]
     if not mutants:
         return
-    target = TARGETS[names[0]]
+    target = TARGETS[name]
     if target.uncompiled:
         _leave_uncompiled(target.uncompiled)
 
     def report(mutant: Mutant, status: str, tests: int) -> None:
-        with (arguments.out / f"{target_of[mutant.key]}.jsonl").open("a") as out:
+        with results.open("a") as out:
             out.write(json.dumps({"key": mutant.key, "status": status, "tests": tests}) + "\n")
         place = f"{mutant.file.relative_to(ROOT)}:{mutant.lines.start}"
         print(f"{status:9} {place} {mutant.before} -> {mutant.after}", flush=True)
@@ -145,7 +138,7 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
     options = ["-q", "-s", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not long"]
     options += ["-k", arguments.k or target.expression]
     options += ["-o", "tmp_path_retention_policy=none", f"--rootdir={ROOT}"]
-    options += [f"--basetemp={arguments.out.resolve() / names[0]}"]  # others clear pytest's own
+    options += [f"--basetemp={arguments.out.resolve() / name}"]  # others clear pytest's own
     tests = [str(ROOT / each) for each in target.tests]
     pytest.main([*options, *tests], plugins=[Runner(mutants, report, arguments.cpu_seconds)])
 

@@ -16,7 +16,6 @@ import signal
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
-from inspect import isgeneratorfunction
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, cast
@@ -55,7 +54,6 @@ class Runner:
             data_file=None, config_file=False, include=sorted(map(str, self._files)), messages=False
         )
         self._test = ""
-        self._made: dict[tuple[str, str], Any] = {}  # modules' fixtures
         self._sound: set[pytest.Item] = set()
         self._killers: dict[Path, set[pytest.Item]] = defaultdict(set)
 
@@ -112,26 +110,14 @@ class Runner:
     def pytest_fixture_setup(
         self, fixturedef: pytest.FixtureDef[Any], request: pytest.FixtureRequest
     ) -> Generator[None, Any, Any]:
-        """Make a module's fixture once if that executes no line of the mutants' files.
-
-        The lines that another one executes count for all tests of its module.
-        """
-        if fixturedef.scope != "module":
+        """Let the lines that a module's fixture executes count for all tests of its module."""
+        if fixturedef.scope != "module" or self._lines is not None:
             return (yield)
-        name = f"{request.node.nodeid}\n{fixturedef.argname}"
-        key = name, str(fixturedef.cache_key(cast(Any, request)))
-        if self._lines is None:
-            self._coverage.switch_context(name)
-        elif key in self._made:
-            cast(Any, fixturedef).func = lambda **_: self._made[key]
+        self._coverage.switch_context(request.node.nodeid)
         try:
-            value = yield
+            return (yield)
         finally:
-            if self._lines is None:
-                self._coverage.switch_context(self._test)
-        if not isgeneratorfunction(fixturedef.func):
-            self._made[key] = value
-        return value
+            self._coverage.switch_context(self._test)
 
     def _trace(self, items: Sequence[pytest.Item]) -> list[pytest.Item]:
         """Run the tests and note the lines that each executes; return those that pass."""
@@ -151,12 +137,10 @@ class Runner:
                     print(f"fails: {item.nodeid}\n{report.longreprtext[-500:]}", flush=True)
         self._coverage.stop()
         self._lines = {
-            (file, line): {context.split("\n")[0] for context in contexts}
+            (file, line): set(contexts)
             for file in self._files
             for line, contexts in self._coverage.get_data().contexts_by_lineno(str(file)).items()
         }
-        used = self._coverage.get_data().measured_contexts()
-        self._made = {key: value for key, value in self._made.items() if key[0] not in used}
         return passed
 
     def _tests_of(self, mutant: Mutant, items: Iterable[pytest.Item]) -> list[pytest.Item]:
