@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.correspondences import FrameRows
 
 LARGE_STEP: Final = 0.6
@@ -32,17 +31,19 @@ def unordered(rows: list[FrameRows]) -> str | None:
     Args:
         rows: The same points of some frames, in the order of the frames.
     """
+    from scipy.spatial.distance import pdist
+
     if len(rows) < 2 or any(not np.array_equal(each.point, rows[0].point) for each in rows):
         return None
     positions = np.array([each.xyz_m for each in rows])  # (F, N, 3)
     radius = float(np.sqrt(positions.var(axis=1).sum(axis=1).mean()))
-    apart = _distances(positions) / max(radius, 1e-9)
     first, second = np.triu_indices(len(rows), 1)
     frame = np.array([each.frame for each in rows])
     near = frame[second] - frame[first] == 1
     if not near.any():
         return None
-    distance = apart[first, second]
+    apart = pdist(positions.reshape(len(rows), -1)) / np.sqrt(positions.shape[1])
+    distance = apart / max(radius, 1e-9)  # root mean square over the points, of any two frames
     step = float(np.median(distance[near]))
     ratio = (
         float(distance[near].mean() / max(distance[~near].mean(), 1e-9)) if (~near).any() else 0.0
@@ -55,11 +56,3 @@ def unordered(rows: list[FrameRows]) -> str | None:
         f"from one frame to the next the points move by {step:.2f} of the object's radius{others}: "
         "independent configurations?"
     )
-
-
-def _distances(positions: FloatArray) -> FloatArray:
-    """Return the root mean square distance of the points of any two frames, (F, F)."""
-    flat = positions.reshape(len(positions), -1)
-    square = (flat**2).sum(axis=1)
-    found = square[:, None] + square[None, :] - 2 * flat @ flat.T
-    return np.asarray(np.sqrt(np.maximum(found, 0.0) / positions.shape[1]))
