@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,42 @@ def test_frames_that_were_made_again_are_decoded_again(tmp_path: Path) -> None:
         (folder / "sequence.json").write_text(f"checksums {number}")
         store = FrameStore(Dataset.open(root), "sheet", "train", (8, 6), cache=tmp_path / "cache")
         assert (store.view(0).rgb == shade).all()
+
+
+PROGRAM = """
+import resource, sys
+from pathlib import Path
+
+from pliant.loaders import FrameStore
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import PliantError
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+store = FrameStore(Dataset.open("sample"), "rope", "train", cache=Path(sys.argv[1]))
+try:
+    for number in range(len(store)):
+        store.view(number)
+except PliantError as error:
+    sys.exit(str(error))
+"""
+
+
+@pytest.mark.long
+def test_too_little_room_is_one_line(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1, done.returncode  # -7 is SIGBUS, -25 SIGXFSZ
+    assert "there is no room for the cache of decoded frames" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cache_has_its_full_size_on_the_disk(tmp_path: Path) -> None:
+    store = FrameStore(Dataset.open("sample"), "rope", "train", cache=tmp_path)
+    store.view(0)
+    (file,) = tmp_path.iterdir()
+    assert file.stat().st_blocks * 512 >= file.stat().st_size
 
 
 def first(name: str, value: Any) -> Callable[[pa.Table], pa.Table]:
