@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points, working_key
+from pliant.loaders.views import TrainingFrame, read_training_frame, working_key
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError, SpecError
@@ -27,6 +27,7 @@ from pliant.spec.io.limits import MAX_JSON_BYTES
 from pliant.spec.io.parquet_columns import stacked
 from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import Tier
+from pliant.spec.point_mesh import surface_points
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.spec.storage import layout
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.arrays import BoolArray, Float32Array
@@ -37,20 +36,6 @@ class TrainingFrame(Frame):
     depth_m: Float32Array
     uv_px: Float32Array
     visible: BoolArray
-
-
-def surface_points(table: pa.Table, queried_object: int) -> npt.NDArray[np.intp]:
-    """Return the ids of the queried object's surface points (a centre line is on no pixel).
-
-    Args:
-        table: The table of points.
-        queried_object: Object id.
-
-    Returns:
-        intp (P,), ascending.
-    """
-    own = table["object"].to_numpy() == queried_object
-    return np.flatnonzero(pc.equal(table["kind"], "surface").to_numpy() & own)
 
 
 def draw_points(rng: np.random.Generator, seen: BoolArray, count: int) -> npt.NDArray[np.intp]:

@@ -22,6 +22,20 @@ from pliant.spec.model import MaterialObject
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 
 
+def surface_points(table: pa.Table, queried_object: int) -> npt.NDArray[np.int64]:
+    """Return the ids of the queried object's surface points (a centre line is on no pixel).
+
+    Args:
+        table: The table of points.
+        queried_object: Object id.
+
+    Returns:
+        int64 (P,), ascending.
+    """
+    own = table["object"].to_numpy() == queried_object
+    return np.flatnonzero(own & (codes(table["kind"], ("surface",)) == 0))
+
+
 @dataclass(frozen=True)
 class PosedMesh:
     """The triangles of a sequence's tracked surface points.
@@ -45,9 +59,7 @@ class PosedMesh:
         """
         table = sequence.points()
         queried = sequence.described.queried
-        of_object = table["object"].to_numpy() == queried.id
-        on_surface = codes(table["kind"], ("surface",)) == 0
-        rows = np.flatnonzero(of_object & on_surface)
+        rows = surface_points(table, queried.id)
         return cls(queried, rows, stacked(table, "m0", "m1")[rows].astype(np.float64))
 
     @cached_property

@@ -10,10 +10,10 @@ import pytest
 import pliant
 from pliant.baselines import Pair, TrackMatcher
 from pliant.baselines.matcher import SplitMatcher
-from pliant.loaders.views import surface_points
 from pliant.models.don.trainer import train_don
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.point_mesh import surface_points
 from tests.models.tiny_runs import don
 
 FRAMES = 20
