@@ -16,8 +16,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.objects.cloth.grid_shape import GridShape
 from pliant.generator.objects.cloth.measure import silhouette_m2
-from pliant.generator.objects.cloth.simulator import Simulator
-from pliant.generator.objects.cloth.step import collide_table
+from pliant.generator.objects.cloth.simulator import Simulator, collide_table
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.arrays import FloatArray, IntArray
 

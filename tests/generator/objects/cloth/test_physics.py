@@ -7,8 +7,7 @@ import pytest
 
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.grid_shape import GridShape
-from pliant.generator.objects.cloth.simulator import Sheet, Simulator
-from pliant.generator.objects.cloth.step import collide_table
+from pliant.generator.objects.cloth.simulator import Sheet, Simulator, collide_table
 
 DOWN = (0.0, 0.0, -9.8)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.generator.objects.rope.actions import next_action
 from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.dynamics import RopeState
-from pliant.generator.objects.rope.episode import Episode
+from pliant.generator.objects.rope.episode import Episode, next_action
 from pliant.generator.settings import RopeSettings
 from tests.generator.objects.rope.rope_checks import closest_stretches
 from tests.generator.world import scene
