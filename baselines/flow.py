@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.baselines.features.local_features import SMALLEST_SIDE_PX
-from pliant.baselines.features.opencv import load_opencv
+from pliant.baselines.features.opencv_features import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, luma
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import BoolArray, Float32Array, ImageArray

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.features.opencv import load_opencv
+from pliant.baselines.features.opencv_features import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, central_position
 from pliant.baselines.remarks import cut_object_remarks, unread_remarks
 from pliant.spec.answers import Answers

@@ -39,13 +39,13 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
-from pliant.models.timecycle.affinity import affinity
 from pliant.models.timecycle.matcher import TimeCycleMatcher
-from pliant.models.timecycle.readout import choose_readout
+from pliant.models.timecycle.network import affinity
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.trainer import TimeCycleTask, train_timecycle
 from pliant.models.timecycle.validation import (
     Track,
+    choose_readout,
     errors_over_time,
     figures,
     track_identity,

@@ -10,11 +10,11 @@ from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
 from pliant.models import CARD, load_matcher
+from pliant.models.don.ball import BALL
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
-from pliant.models.networks.ball_network import BALL
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,

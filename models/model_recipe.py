@@ -17,13 +17,13 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import model_validator
 
+from pliant.models.don.ball import BALL
 from pliant.models.don.ball_training import PICTURES, fit_ball
 from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don, training_data
 from pliant.models.export import RECIPE, export_run, portable
-from pliant.models.networks.ball_network import BALL
 from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.baselines.features.local_features import Keypoints
-from pliant.baselines.features.nearest import Descriptors, Metric
+from pliant.baselines.features.local_features import Descriptors, Keypoints, Metric
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 from pliant.spec.errors import MissingExtraError

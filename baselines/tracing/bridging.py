@@ -33,8 +33,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from pliant.baselines.tracing.depth_in_mask import MARGIN
 from pliant.baselines.tracing.ends import Ball
+from pliant.baselines.tracing.mask_shape import MARGIN
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import Skeleton, Strand
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, Mask

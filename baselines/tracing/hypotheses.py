@@ -14,14 +14,14 @@ from pliant.baselines.tracing.bridging import TableSeen, bridged, exits
 from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
-from pliant.baselines.tracing.depth_in_mask import (
+from pliant.baselines.tracing.ends import Ball, from_end_to_end
+from pliant.baselines.tracing.mask_shape import (
     depth_in_mask,
     farthest_pixels,
     half_width_px,
     shrunk,
     working_factor,
 )
-from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.strands import straightest_paths
 from pliant.baselines.tracing.tilt import Nadir, small_tilt

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from pliant.baselines.pixels import central_position
-from pliant.baselines.remarks import unread_remarks
-from pliant.baselines.tracing.beyond_border import completed, with_cut_ends
+from pliant.baselines.remarks import PICTURES, pictures_where, unread_remarks
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
-from pliant.baselines.tracing.mask_shape import MaskShape
-from pliant.baselines.tracing.rectification import rectified
-from pliant.baselines.tracing.reframing import Reframed
-from pliant.baselines.tracing.remarks import rope_remarks
-from pliant.baselines.tracing.transfer import best_pair, located, placed
+from pliant.baselines.tracing.mask_shape import MaskShape, has_ball
+from pliant.baselines.tracing.reframing import Reframed, rectified
+from pliant.baselines.tracing.transfer import best_pair, completed, located, placed, with_cut_ends
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
@@ -28,7 +25,7 @@ class RopeTracer:
 
     It starts at the ball, or without a ball at both ends and keeps the better reading. It looks at
     masks alone, so materials and light do not matter; at crossings it goes wrong most often. A rope
-    seen at a slant is traced in the view from straight above (`rectification.py`).
+    seen at a slant is traced in the view from straight above (`rectified`).
     """
 
     name = "rope-tracer"
@@ -76,3 +73,37 @@ class RopeTracer:
             return above, with_cut_ends(traces, above)
 
         return self._traces.get(view.cache_key, traced)
+
+
+def rope_remarks(
+    views: Sequence[Frame],
+    shapes: Sequence[MaskShape | None],
+    traces: Sequence[Sequence[Trace]],
+) -> list[str]:
+    """Return what is to be said of the masks of ropes and of how they are read.
+
+    Args:
+        views: Source and target with the masks that are used.
+        shapes: Shapes of the masks, or None without a mask.
+        traces: Traces of each, from `with_cut_ends`, the most plausible first.
+    """
+    named = zip(PICTURES, shapes, strict=True)
+    found = [shape.remark(name) for name, shape in named if shape is not None]
+    remarks = [remark for remark in found if remark]
+    bare = pictures_where(view.mask is not None and not has_ball(view) for view in views)
+    if bare and not remarks:
+        remarks.append(
+            f"No ball is known at an end of the rope in the {bare}: without one, both ends look "
+            "alike, and all answers may run the other way along the rope."
+        )
+    if cut := pictures_where(bool(each) and any(each[0].cut) for each in traces):
+        remarks.append(
+            f"The rope leaves the picture of the {cut}: how much of it is outside is taken from "
+            "its width, as if both pictures showed one and the same rope."
+        )
+    if back := pictures_where(bool(each) and each[0].comes_back for each in traces):
+        remarks.append(
+            f"The rope leaves the picture of the {back} and comes back: the way that it takes "
+            "outside is a guess."
+        )
+    return remarks

@@ -21,7 +21,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
-from pliant.baselines.tracing.depth_in_mask import pixel_links
+from pliant.baselines.tracing.mask_shape import pixel_links
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.mask_box import mask_box

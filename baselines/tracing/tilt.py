@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge
+from pliant.baselines.tracing.mask_shape import depth_in_mask, ridge
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.frame import Frame

@@ -16,13 +16,12 @@ import torch
 from scipy import ndimage
 from torch.nn import functional
 
-from pliant.models.don.ball import BallCandidates, distances_px
+from pliant.models.don.ball import REACH, BallCandidates, BallNetwork, distances_px
 from pliant.models.don.mask_training import SAMPLINGS, coloured
 from pliant.models.don.one_rope import resized
-from pliant.models.don.patch_training import fit_patches, recoloured, rotations
 from pliant.models.don.segmentation import denoised, picture_as, shown
-from pliant.models.networks.ball_network import REACH, BallNetwork
 from pliant.models.networks.mask_network import MaskNetwork
+from pliant.models.networks.patches import fit_patches, recoloured, rotations
 from pliant.models.training.loop import StepProgress
 from pliant.spec.arrays import Mask, Rgb
 from pliant.spec.frame import Frame

@@ -19,8 +19,7 @@ from pliant.evaluator.metrics.calibration import expected_calibration_error, rel
 from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.metrics.mixtures import Mixtures, negative_log_likelihood, probability_within
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.models.don.certainty import Calibration, mean_log_sigma
-from pliant.models.don.decoding import Widths, mixture_of_modes
+from pliant.models.don.certainty import Calibration, Widths, mean_log_sigma, mixture_of_modes
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
 from pliant.spec.arrays import BoolArray, FloatArray

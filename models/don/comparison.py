@@ -1,4 +1,7 @@
-"""The descriptors of queries against those of the pixels that compete to be their match."""
+"""The descriptors of queries against those of the pixels that compete to be their match.
+
+Intermediate results of the matcher follow: before and after the choice of a distribution.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pliant.models.don.candidates import widened
+from pliant.baselines.tracing import Reframed
+from pliant.models.don.certainty import Calibration
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.settings import AnswerSettings
+from pliant.models.don.tracing import TracedPlaces
 from pliant.models.losses.distributional import log_probabilities
+from pliant.models.losses.matches import widened
 from pliant.models.networks.descriptor_network import pixel_grid, sample_descriptors
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.frame import Frame
@@ -107,3 +113,40 @@ def _turned_uv(uv_px: torch.Tensor, turn: int, width: int, height: int) -> torch
         u, v = height - v, u
         width, height = height, width
     return torch.stack([u, v], dim=-1)
+
+
+@dataclass(frozen=True)
+class Search(Comparison):
+    """The probabilities of N queries, before a distribution is chosen.
+
+    Attributes:
+        traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
+        deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
+            where `log_p` is the mean of both, or one side of a cloth.
+    """
+
+    traced: TracedPlaces | None
+    deciding: torch.Tensor
+
+    @property
+    def either_way(self) -> bool:
+        """Whether they are on a rope whose ends look alike."""
+        return self.traced is not None and self.traced.reversed_px is not None
+
+
+@dataclass(frozen=True)
+class PairDistribution:
+    """The distribution over the target that answers, σ, heat map and confidence are computed from.
+
+    Attributes:
+        source, target: The views as they are answered in.
+        found: What was found in them.
+        calibration: What holds for them, or None for a network without one.
+        position_px: float64 (N, 2), the answers, in pixels of the target as seen.
+    """
+
+    source: Reframed
+    target: Reframed
+    found: Search
+    calibration: Calibration | None
+    position_px: FloatArray

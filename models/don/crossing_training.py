@@ -21,10 +21,15 @@ from pliant.baselines.tracing import Crossing, self_crossings
 from pliant.baselines.tracing.settings import TRACING
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
-from pliant.models.don.crossings import LEAST_APART, line_points
-from pliant.models.don.patch_training import fit_patches, recoloured, rotations
-from pliant.models.networks.crossing_network import REACH, SIDE, CrossingNetwork, distances
-from pliant.models.networks.patches import patches, steps
+from pliant.models.don.crossings import (
+    LEAST_APART,
+    REACH,
+    SIDE,
+    CrossingNetwork,
+    distances,
+    line_points,
+)
+from pliant.models.networks.patches import fit_patches, patches, recoloured, rotations, steps
 from pliant.spec.arrays import Float32Array, FloatArray, RealArray
 
 _BINS: Final = 100

@@ -10,11 +10,11 @@ import torch
 
 from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
+from pliant.models.don.ball import BallNetwork
 from pliant.models.don.mask_repair import is_surely_unchanged, repaired
 from pliant.models.don.one_rope import resized
 from pliant.models.don.segmentation import cloth_mask, denoised, more_certain, rope_masks
 from pliant.models.don.table import on_plain_table
-from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb

@@ -7,14 +7,13 @@ from typing import Any, TypeVar
 
 from torch import nn
 
+from pliant.models.don.ball import BALL, BallNetwork
 from pliant.models.don.certainty import Calibration
-from pliant.models.don.crossings import CROSSINGS
+from pliant.models.don.crossings import CROSSINGS, CrossingNetwork
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
-from pliant.models.networks.ball_network import BALL, BallNetwork
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
-from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.training.checkpoint import (

@@ -8,19 +8,24 @@ from dataclasses import dataclass
 import torch
 from torch.nn import functional
 
-from pliant.models.don.candidates import all_bins, object_and_background
 from pliant.models.don.settings import LossSettings
 from pliant.models.losses.contrastive import Hinge, contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
-from pliant.models.losses.lipschitz import (
+from pliant.models.losses.matches import (
+    Candidates,
+    NonMatches,
+    Targets,
+    all_bins,
+    object_and_background,
+)
+from pliant.models.losses.regularisers import (
     lipschitz_space_loss,
     lipschitz_time_loss,
+    orientation_loss,
     penalty_weight,
     soft_argmax,
+    stretch_loss,
 )
-from pliant.models.losses.matches import Candidates, NonMatches, Targets
-from pliant.models.losses.orientation import orientation_loss
-from pliant.models.losses.stretch import stretch_loss
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.models.networks.descriptor_network import NetworkOutput, sample_descriptors
 

@@ -23,7 +23,7 @@ from torch.nn import functional
 from pliant.models.don.painted_tables import painted_table
 from pliant.models.networks.mask_network import CLOTH_SIDE, ROPE_SIDE, MaskNetwork, at_side
 from pliant.models.training.loop import StepProgress
-from pliant.models.training.precision import bfloat16_is_native
+from pliant.models.training.processes import bfloat16_is_native
 from pliant.spec.frame import Frame
 
 _SHAPE: Final = (256, 320)  # rows, columns of a sample, as the network sees it

@@ -14,16 +14,19 @@ import torch
 from pliant.baselines.matcher import Heat
 from pliant.baselines.remarks import cut_object_remarks
 from pliant.baselines.tracing import Reframed, rope_remarks
-from pliant.models.don.certainty import Calibration
-from pliant.models.don.comparison import Comparison, compare
-from pliant.models.don.decoding import decode_position, mixture_of_modes
+from pliant.models.don.certainty import Calibration, decode_position, mixture_of_modes
+from pliant.models.don.comparison import Comparison, PairDistribution, Search, compare
 from pliant.models.don.described import ViewDescriber
-from pliant.models.don.familiarity import Familiarity, fit_familiarity
+from pliant.models.don.familiarity import (
+    DescriptorStatistics,
+    Familiarity,
+    QueryDescriptors,
+    fit_familiarity,
+    traced_statistics,
+)
 from pliant.models.don.rope_reader import RopeReader
-from pliant.models.don.search import PairDistribution, Search
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
-from pliant.models.don.strangeness import DescriptorStatistics, QueryDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedView, both_completed, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers

@@ -18,15 +18,13 @@ from pliant.baselines.tracing import (
     untilted,
     with_cut_ends,
 )
-from pliant.models.don.crossings import with_overlaps
+from pliant.models.don.ball import BallNetwork
+from pliant.models.don.crossings import CrossingNetwork, with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
-from pliant.models.don.prints import turned_by_print
+from pliant.models.don.prints import other_quarter_turns, turned, turned_by_print, upright_turn
 from pliant.models.don.settings import AnswerSettings
-from pliant.models.don.square import other_quarter_turns, turned, upright_turn
 from pliant.models.don.table import VisibleTable
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
-from pliant.models.networks.ball_network import BallNetwork
-from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MaskNetwork
 from pliant.spec.arrays import FloatArray, Mask

@@ -19,10 +19,9 @@ import numpy as np
 from scipy import ndimage
 
 from pliant.baselines.conditions import noise_of
-from pliant.models.don.ball import ball_in
+from pliant.models.don.ball import BallNetwork, ball_in
 from pliant.models.don.one_rope import of_one_rope, resized, smaller
 from pliant.models.don.table import log_ratio_to_table
-from pliant.models.networks.ball_network import BallNetwork
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.ball import separate_ball
 from pliant.spec.io.resizing import with_longer_side

@@ -141,7 +141,7 @@ class AnswerSettings(Settings):
             2 or 4.
         mirrored: Average mirrored copies of both images too, with half the weight of the others: a
             mirrored blank cloth looks like the same cloth turned over.
-        rectify: Answer in views from straight above (`baselines/tracing/rectification.py`). With
+        rectify: Answer in views from straight above (`baselines/tracing/reframing.py`). With
             `trace`, if the widths of a rope's mask show that the camera was tilted; otherwise, if
             the network is more confident in that view.
         fill: If the object's box takes less than the first share of the frame's width or height,

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from pliant.baselines.pixels import pixel_centres
-from pliant.models.don.decoding import Widths, mixture_of_modes
+from pliant.models.don.certainty import Widths, mixture_of_modes
 from pliant.spec.arrays import FloatArray, Mask
 
 GRID_EVERY_PX: Final = 3

@@ -1,4 +1,8 @@
-"""A small network that finds a rope and its ball, or a cloth, in a picture."""
+"""A small network that finds a rope and its ball, or a cloth, in a picture.
+
+A wider network starts with the function of a narrow one (Net2Net, arXiv 1511.05641, section 3.1):
+training it from there keeps what the narrow one has learned.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,6 @@ import numpy.typing as npt
 import torch
 
 from pliant.models.networks.unet import UNet
-from pliant.models.networks.widening import widen
 from pliant.spec.arrays import Float32Array, Rgb
 from pliant.spec.io.resizing import with_longer_side
 
@@ -70,3 +73,39 @@ def at_side(image: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
         return image
     how = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_LINEAR
     return cv2.resize(image, (width, height), interpolation=how)
+
+
+_UNLIKE: Final = 0.3  # standard deviation of what copies differ by, of that of the weights
+
+
+def widen(narrow: UNet, wide: UNet) -> None:
+    """Give a network the function of another one with half its channels at some of the levels.
+
+    Every channel is there twice, and both copies together have the weight of the one. Copies differ
+    by noise that cancels, since copies that are alike would stay alike in training.
+
+    Args:
+        narrow: A network.
+        wide: One with as many or twice as many channels at each level; it is changed.
+    """
+    given, shapes = narrow.state_dict(), {k: v.shape for k, v in wide.state_dict().items()}
+    weights = {name: _wider(values, shapes[name]) for name, values in given.items()}
+    for name, values in weights.items():
+        if ".qkv." in name and values.shape != given[name].shape:
+            # Twice as many channels double the products of queries and keys; attention divides
+            # them by the square root of that number.
+            values[: 2 * len(values) // 3] *= 2**-0.25
+    wide.load_state_dict(weights)
+
+
+def _wider(weights: torch.Tensor, shape: torch.Size) -> torch.Tensor:
+    """Return a parameter (outputs, inputs, …) with twice as many outputs, inputs or both."""
+    if shape[0] == 2 * len(weights):
+        weights = weights.repeat_interleave(2, dim=0)
+    if weights.shape == shape:
+        return weights
+    copied = shape[1] - weights.shape[1]  # a decoder's inputs: first the copied ones of below
+    noise = _UNLIKE * weights.std() * torch.randn_like(weights[:, :copied])
+    half = weights[:, :copied] / 2
+    twice = torch.stack([half + noise, half - noise], dim=2).flatten(1, 2)
+    return torch.cat([twice, weights[:, copied:]], dim=1)

@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import torch
 
-from pliant.models.timecycle.affinity import soft_inlier
-from pliant.models.timecycle.network import TimeCycleNetwork
-from pliant.models.timecycle.placement import cell_grid, place
+from pliant.models.timecycle.network import TimeCycleNetwork, cell_grid, place, soft_inlier
 from pliant.models.timecycle.settings import CycleLossSettings
 
 _FLOOR = 1e-4

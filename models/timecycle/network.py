@@ -1,4 +1,9 @@
-"""The network of TimeCycle: encoder, affinity, localiser."""
+"""The network of TimeCycle: encoder, affinity, localiser, and where a patch is in a frame.
+
+Positions are in cells, with the centre of the top-left cell at (0.5, 0.5): Pliant's pixel
+convention, divided by the stride. A placement is (x, y, angle); a positive angle turns u
+towards v (clockwise on the screen). The scale is fixed: a cell stays a cell.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,101 @@ from torch import nn
 from torch.nn import functional
 
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
-from pliant.models.timecycle.affinity import affinity
-from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import TimeCycleSettings
+
+
+def cell_grid(cells: int, device: torch.device, points: int | None = None) -> torch.Tensor:
+    """Return positions in a patch relative to its centre, row by row.
+
+    Args:
+        cells: Cells along its side n.
+        device: Where to make it.
+        points: Positions along a side, spread over the patch; None for the cells' centres.
+
+    Returns:
+        float32 (points^2, 2), cells.
+    """
+    count = points or cells
+    line = (torch.arange(count, device=device) + 0.5) * (cells / count) - cells / 2
+    v, u = torch.meshgrid(line, line, indexing="ij")
+    return torch.stack([u, v], dim=-1).reshape(-1, 2)
+
+
+def place(placement: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
+    """Return where a patch's positions are in the frame.
+
+    Args:
+        placement: float (B, 3), centre and angle.
+        grid: float (P, 2), positions relative to the centre.
+
+    Returns:
+        float (B, P, 2), cells of the frame.
+    """
+    cos, sin = placement[:, 2].cos(), placement[:, 2].sin()
+    turn = torch.stack([torch.stack([cos, sin], -1), torch.stack([-sin, cos], -1)], dim=1)
+    return grid @ turn + placement[:, None, :2]
+
+
+def cut_patches(
+    images: torch.Tensor, placement: torch.Tensor, cells: int, stride: int = 8
+) -> torch.Tensor:
+    """Return square patches of images, upright in their own frame.
+
+    Args:
+        images: float (B, C, H, W).
+        placement: float (B, 3), in cells.
+        cells: Cells along a patch's side n.
+        stride: Pixels along a side of a cell.
+
+    Returns:
+        float (B, C, stride n, stride n).
+    """
+    side = stride * cells
+    pixels = place(placement, cell_grid(cells, images.device, points=side)) * stride
+    return sample_descriptors(images, pixels).transpose(1, 2).unflatten(2, (side, side))
+
+
+def affinity(patch: torch.Tensor, frame: torch.Tensor, temperature: float) -> torch.Tensor:
+    """Return the softmax of descriptor products over a frame's cells.
+
+    Args:
+        patch: float (B, P, D), unit descriptors of a patch's cells.
+        frame: float (B, D, h, w), unit descriptors of a frame.
+        temperature: Divides the products.
+
+    Returns:
+        float (B, P, h w); rows sum to 1.
+    """
+    return (torch.bmm(patch, frame.flatten(2)) / temperature).softmax(dim=2)
+
+
+def soft_inlier(
+    affinities: torch.Tensor, xy: torch.Tensor, width: int, spread: float
+) -> torch.Tensor:
+    """Return how much of each cell's affinity is where the cell belongs.
+
+    The soft inlier count of Rocco et al. (2018): the mass within a Gaussian window about the
+    place that a transformation gives the cell, the window 1 at its centre.
+
+    Args:
+        affinities: float (B, P, M), rows sum to 1, M = h w.
+        xy: float (B, P, 2), where each cell belongs, in cells of the frame.
+        width: Columns of the frame w.
+        spread: Standard deviation of the window, cells.
+
+    Returns:
+        float (B, P), 0 to 1.
+    """
+    cells = affinities.shape[2]
+    height = cells // width
+    device = affinities.device
+    u = torch.arange(width, device=device) + 0.5
+    v = torch.arange(height, device=device) + 0.5
+    # The Gaussian is a product of one in u and one in v: two small tables instead of one large.
+    along_u = torch.exp(-((xy[..., :1] - u) ** 2) / (2 * spread**2))  # (B, P, w)
+    along_v = torch.exp(-((xy[..., 1:] - v) ** 2) / (2 * spread**2))  # (B, P, h)
+    rows = (affinities.unflatten(2, (height, width)) * along_u[:, :, None]).sum(dim=3)
+    return (rows * along_v).sum(dim=2)
 
 
 class TimeCycleNetwork(nn.Module):

@@ -9,7 +9,7 @@ import torch
 from torch.nn import functional
 
 from pliant.models.networks.descriptor_network import sample_descriptors
-from pliant.models.timecycle.placement import cell_grid, cut_patches, place
+from pliant.models.timecycle.network import cell_grid, cut_patches, place
 from pliant.models.timecycle.settings import ClipSettings
 
 _STILL_SHARE = 0.25

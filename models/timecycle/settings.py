@@ -126,7 +126,7 @@ class PropagationSettings(Settings):
         refine: Descriptors are interpolated this many times finer before they are compared.
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
         chosen: At the end of the training, choose `prior`, `temperature` and `first_weight` on the
-            validation split (`models/timecycle/readout.py`); the run's config then has them.
+            validation split (`models/timecycle/validation.py`); the run's config then has them.
     """
 
     stride: Stride = 8

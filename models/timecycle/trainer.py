@@ -10,13 +10,18 @@ import torch
 
 from pliant.loaders import ClipDataset
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
-from pliant.models.timecycle.guard import compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches
-from pliant.models.timecycle.readout import choose_readout
+from pliant.models.timecycle.report import compare_with_trivial
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.models.timecycle.validation import draw_stretches, errors_over_time, figures, track_with
+from pliant.models.timecycle.validation import (
+    choose_readout,
+    draw_stretches,
+    errors_over_time,
+    figures,
+    track_with,
+)
 from pliant.models.timecycle.walk import walk_losses, warped_copies
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task

@@ -27,9 +27,8 @@ from pliant.models.training.checkpoint import (
     save_checkpoint,
     save_weights,
 )
-from pliant.models.training.interrupts import interrupts_deferred
 from pliant.models.training.optimiser import learning_rate, make_optimiser
-from pliant.models.training.processes import Processes, average_gradients
+from pliant.models.training.processes import Processes, average_gradients, interrupts_deferred
 from pliant.models.training.run_folder import TENSORBOARD, data_digest
 from pliant.models.training.settings import RunSettings
 from pliant.models.training.task import Task

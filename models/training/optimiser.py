@@ -8,7 +8,7 @@ from typing import Any, Final
 import torch
 from torch import nn
 
-from pliant.models.training.precision import bfloat16_is_native
+from pliant.models.training.processes import bfloat16_is_native
 from pliant.models.training.settings import OptimiserSettings
 
 

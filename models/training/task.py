@@ -13,9 +13,7 @@ from torch.utils.data import DataLoader
 from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders import FrameStore, StepOrder
-from pliant.models.training.interrupts import children_ignore_interrupts
-from pliant.models.training.precision import halved
-from pliant.models.training.processes import Processes
+from pliant.models.training.processes import Processes, children_ignore_interrupts, halved
 from pliant.models.training.settings import RunSettings
 from pliant.spec.dataset import Dataset
 

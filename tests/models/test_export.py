@@ -17,12 +17,12 @@ from pliant.baselines.predict import predict
 from pliant.evaluator import evaluate, write_report
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, shipped
+from pliant.models.don.ball import BALL, BallNetwork
 from pliant.models.don.loading import load_matcher as load_don
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
-from pliant.models.networks.ball_network import BALL, BallNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle

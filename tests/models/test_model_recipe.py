@@ -14,6 +14,7 @@ import torch
 
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, model_recipe
+from pliant.models.don.ball import BALL, BallNetwork
 from pliant.models.don.settings import DonSettings
 from pliant.models.model_recipe import (
     RECIPES,
@@ -23,7 +24,6 @@ from pliant.models.model_recipe import (
     make_model,
     read_recipe,
 )
-from pliant.models.networks.ball_network import BALL, BallNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.run_folder import write_settings

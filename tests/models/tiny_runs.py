@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import pytest
+import torch
 
 from pliant.models.don.settings import DonSettings
 from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.models.training.checkpoint import TrainingState, latest_checkpoint, read_checkpoint
 from pliant.spec.configuration import read_settings
+from tests.known import known
 
 DON: Final = (
     "steps=6",
@@ -59,3 +63,26 @@ def train_two_steps(train: Callable[..., object], *given: object) -> None:
 def options(*overrides: str) -> list[str]:
     """Return the overrides as options of a command."""
     return [part for value in overrides for part in ("--set", value)]
+
+
+def last_checkpoint(run: Path) -> TrainingState:
+    latest = known(latest_checkpoint(run))
+    return read_checkpoint(latest)
+
+
+def assert_same_runs(whole: Path, parts: Path, steps: int) -> None:
+    """Check weights, running average, optimiser, history and the weights that answer."""
+    a, b = last_checkpoint(whole), last_checkpoint(parts)
+    assert a.step == b.step == steps
+    assert a.history == b.history
+    assert a.best == b.best
+    assert a.optimiser["state"].keys() == b.optimiser["state"].keys()
+    for left, right in (
+        (a.weights, b.weights),
+        (a.average, b.average),
+        *zip(a.optimiser["state"].values(), b.optimiser["state"].values(), strict=True),
+    ):
+        assert left.keys() == right.keys()
+        for name in left:
+            assert torch.equal(left[name], right[name]), name
+    assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()

@@ -15,8 +15,7 @@ import pytest
 
 from pliant.baselines import METHODS, Frame
 from pliant.baselines.features.local_features import LocalFeatures
-from pliant.baselines.features.opencv_features import Orb, Sift
-from pliant.baselines.features.orientation import intensity_centroid_deg
+from pliant.baselines.features.opencv_features import Orb, Sift, intensity_centroid_deg
 from pliant.baselines.features.surf import MahotasSurf
 from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 from pliant.spec.frame import Pair

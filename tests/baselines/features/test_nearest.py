@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.baselines.features.nearest import ROWS_AT_ONCE, distances, nearest, ratio_test
+from pliant.baselines.features.local_features import ROWS_AT_ONCE, distances, nearest, ratio_test
 
 
 def rows(*values: tuple[float, ...]) -> np.ndarray:

@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from pliant.baselines.tracing import rope_traces
 from pliant.baselines.tracing.bridging import TableSeen, _bridges, _cost, _End, bridged
-from pliant.baselines.tracing.depth_in_mask import (
+from pliant.baselines.tracing.ends import Ball
+from pliant.baselines.tracing.mask_shape import (
     depth_in_mask,
     half_width_px,
     shrunk,
     working_factor,
 )
-from pliant.baselines.tracing.ends import Ball
 from pliant.spec.arrays import BoolArray, FloatArray
 from tests.drawn_strands import U, V, drawn
 

@@ -9,8 +9,8 @@ from scipy.interpolate import make_interp_spline
 
 from pliant.baselines.tracing import Nadir, Trace, rope_traces
 from pliant.baselines.tracing.centring import evenly_spaced
-from pliant.baselines.tracing.depth_in_mask import working_factor
 from pliant.baselines.tracing.hypotheses import _retraced
+from pliant.baselines.tracing.mask_shape import working_factor
 from pliant.baselines.tracing.strands import straightest_paths, thinned
 from tests.drawn_strands import SIZE, drawn
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, rope_traces
-from pliant.baselines.tracing.depth_in_mask import depth_in_mask, pixel_links, steps_along
+from pliant.baselines.tracing.mask_shape import depth_in_mask, pixel_links, steps_along
 from pliant.baselines.tracing.walk import sampled
 from pliant.spec.frame import Frame, Pair
 from tests.drawn_strands import drawn

@@ -10,9 +10,8 @@ import pytest
 import torch
 from scipy import ndimage
 
-from pliant.models.don.ball import BallCandidates, ball_in
+from pliant.models.don.ball import BallCandidates, BallNetwork, ball_in
 from pliant.models.don.ball_training import _changed, fit_ball
-from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.mask_network import ROPE_SIDE, MaskNetwork
 from pliant.models.networks.patches import PATCH
 from pliant.spec.arrays import Float32Array, Mask, Rgb

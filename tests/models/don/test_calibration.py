@@ -14,9 +14,9 @@ from pliant.baselines.tracing import Reframed
 from pliant.models.don import calibration as calibration_module
 from pliant.models.don.calibration import calibrate
 from pliant.models.don.certainty import Calibration, mean_log_sigma
+from pliant.models.don.comparison import Search
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
-from pliant.models.don.search import Search
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.validation import ValidationPair
 from pliant.models.networks.descriptor_network import pixel_grid

@@ -14,8 +14,13 @@ from scipy.spatial import cKDTree
 from pliant.baselines.tracing import Nadir, Trace
 from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossing_training import fit_crossings
-from pliant.models.don.crossings import CROSSINGS, with_overlaps
-from pliant.models.networks.crossing_network import CrossingNetwork, crossing_planes, distances
+from pliant.models.don.crossings import (
+    CROSSINGS,
+    CrossingNetwork,
+    crossing_planes,
+    distances,
+    with_overlaps,
+)
 from pliant.models.training.checkpoint import load_weights, save_weights
 from pliant.spec.frame import Frame
 from tests.known import known

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.models.don.decoding import Decode, Widths, decode_position, mixture_of_modes
+from pliant.models.don.certainty import Decode, Widths, decode_position, mixture_of_modes
 
 GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])
 

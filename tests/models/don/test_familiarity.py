@@ -11,14 +11,15 @@ from pliant.baselines.matcher import UNFAMILIAR
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import DescribedView
-from pliant.models.don.familiarity import Familiarity, fit_familiarity
-from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.strangeness import (
+from pliant.models.don.familiarity import (
     TRACED,
     DescriptorStatistics,
+    Familiarity,
     QueryDescriptors,
+    fit_familiarity,
     traced_statistics,
 )
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped

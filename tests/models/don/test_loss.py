@@ -10,7 +10,7 @@ from torch.utils.data import default_collate
 from pliant.loaders import FrameStore, PairDataset, PairSettings
 from pliant.models.don.loss import _space_pixels, don_loss
 from pliant.models.don.settings import LossSettings
-from pliant.models.losses.lipschitz import lipschitz_space_loss
+from pliant.models.losses.regularisers import lipschitz_space_loss
 from pliant.models.networks.descriptor_network import NetworkOutput
 from pliant.spec.dataset import Dataset
 

@@ -14,11 +14,11 @@ import torch
 from pliant.baselines.matcher import HeatMatcher
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.calibration import calibrate, fit_sharpness
-from pliant.models.don.candidates import widened
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, validate
+from pliant.models.losses.matches import widened
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkSettings
 from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.dataset import Dataset

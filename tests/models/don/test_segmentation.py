@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from pliant.baselines.conditions import noise_of
 from pliant.loaders.frame_store import FrameStore
-from pliant.models.don.ball import ball_in
+from pliant.models.don import described
+from pliant.models.don.ball import BALL as BALL_FILE
+from pliant.models.don.ball import BallNetwork, ball_in
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, more_certain, rope_masks, shown
+from pliant.models.don.segmentation import cloth_mask, denoised, more_certain, rope_masks, shown
 from pliant.models.don.validation import draw_validation_pairs
-from pliant.models.networks.ball_network import BALL as BALL_FILE
-from pliant.models.networks.ball_network import BallNetwork
 from pliant.models.networks.mask_network import MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
@@ -285,3 +286,38 @@ def test_masks_are_found_once_for_all_processes(
         assert (again == mask).all()
     with pytest.raises(AssertionError, match="found again"):
         matcher.object_mask(Frame(picture.rgb, key="s/1"))
+
+
+def noisy(rgb: Rgb, deviation: float) -> Rgb:
+    drawn = rgb + np.random.default_rng(1).normal(0, deviation, rgb.shape)
+    return drawn.round().clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("deviation", [5.0, 12.0, 20.0])
+def test_noise_is_measured_over_edges_and_gradients(deviation: float) -> None:
+    v, u = np.mgrid[:240, :320]
+    grey = np.where((u // 40 + v // 40) % 2, 150, 90) + u // 16
+    rgb = np.repeat(grey[..., None], 3, axis=2).astype(np.uint8)
+    assert noise_of(rgb) < 0.5
+    # Grey is the mean of the channels, so independent noise of theirs is weaker there.
+    weakened = deviation / np.sqrt(3)
+    assert noise_of(noisy(rgb, deviation)) == pytest.approx(weakened, rel=0.06)
+
+
+def test_a_picture_without_noise_is_left_as_it_is() -> None:
+    picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source.rgb
+    assert denoised(picture) is picture
+    spoilt = noisy(picture, 14)
+    left = denoised(spoilt).astype(float) - picture
+    assert left.std() < 0.5 * (spoilt.astype(float) - picture).std()
+
+
+def test_objects_are_looked_for_in_the_smoothed_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    matcher = shipped_don("don-rope")
+    views = ViewDescriber(
+        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
+    )
+    picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source.rgb
+    assert views.segmented(Frame(picture, key="s/0")).mask is not None
+    monkeypatch.setattr(described, "denoised", lambda rgb: np.full_like(rgb, 128))
+    assert views.segmented(Frame(picture, key="s/1")).mask is None

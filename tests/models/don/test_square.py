@@ -16,8 +16,8 @@ from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.prints import upright_turn
 from pliant.models.don.settings import AnswerSettings
-from pliant.models.don.square import upright_turn
 from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
 from tests.known import known

@@ -26,8 +26,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from tests.known import known
 from tests.loaders.sheet_dataset import write_sheet_dataset
-from tests.models.same_runs import last_checkpoint
-from tests.models.tiny_runs import DON, don, options, train_two_steps
+from tests.models.tiny_runs import DON, don, last_checkpoint, options, train_two_steps
 
 
 @pytest.mark.long

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 import torch
 
-from pliant.models.don.candidates import all_bins, object_and_background
 from pliant.models.losses import distributional
 from pliant.models.losses.distributional import (
     Direction,
@@ -14,7 +13,7 @@ from pliant.models.losses.distributional import (
     gaussian_target,
     log_probabilities,
 )
-from pliant.models.losses.matches import Candidates, Targets
+from pliant.models.losses.matches import Candidates, Targets, all_bins, object_and_background
 from pliant.models.networks.descriptor_network import pixel_grid
 
 D = torch.float64

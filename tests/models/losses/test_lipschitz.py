@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from pliant.models.losses.lipschitz import (
+from pliant.models.losses.regularisers import (
     lipschitz_space_loss,
     lipschitz_time_loss,
     penalty_weight,

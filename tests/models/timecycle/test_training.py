@@ -13,8 +13,8 @@ import pytest
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.timecycle import report
-from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
+from pliant.models.timecycle.report import Guard
 from pliant.models.timecycle.settings import TimeCycleSettings, TrackValidationSettings
 from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.timecycle.validation import (
@@ -29,8 +29,7 @@ from pliant.models.timecycle.validation import (
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
-from tests.models.same_runs import assert_same_runs, last_checkpoint
-from tests.models.tiny_runs import timecycle, train_two_steps
+from tests.models.tiny_runs import assert_same_runs, last_checkpoint, timecycle, train_two_steps
 
 
 @pytest.fixture

@@ -18,8 +18,7 @@ from pliant.models.don.trainer import train_don
 from pliant.models.training.processes import Processes
 from pliant.models.training.task import Task
 from pliant.spec.dataset import Dataset
-from tests.models.same_runs import assert_same_runs
-from tests.models.tiny_runs import don
+from tests.models.tiny_runs import assert_same_runs, don
 
 SETTINGS = don("checkpoint_every=100", "optimiser.kind=muon")  # TimeCycle's test has AdamW
 
