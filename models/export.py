@@ -131,8 +131,9 @@ def _checked_facts(
             required=trained_on,
         )
     progress = read_progress(run)  # empty for a mean and for an exported model
-    comparable = progress and all(map(_is_whole, datasets))
-    if comparable and progress["data"] != data_digest(datasets):
+    # as they were made: with no files held out, and not simulated
+    whole = all(each.has(SEQUENCES_TABLE) and not each.held_out for each in datasets)
+    if whole and progress and progress["data"] != data_digest(datasets):
         raise CallError(
             "the dataset has other sequences than the run was trained on",
             path=run,
@@ -142,11 +143,6 @@ def _checked_facts(
     for report in reports:
         _check_report(report, facts)
     return facts
-
-
-def _is_whole(dataset: Dataset) -> bool:
-    """Return whether a dataset has the files that it was made with, none held out or simulated."""
-    return dataset.has(SEQUENCES_TABLE) and not dataset.held_out
 
 
 def _write_files(

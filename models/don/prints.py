@@ -74,7 +74,8 @@ def turned_by_print(
     agreement = []
     for way in ways:
         places = matched(Pair(way.view, target.view, way.forward(original)))
-        agreement.append(_agreement(read, _read(others, places / views.pixel_scale(target.view))))
+        there_read = _read(others, places / views.pixel_scale(target.view))
+        agreement.append(_explained(read, there_read) + _explained(there_read, read))
     best, second = np.argsort(agreement)[[-1, -2]]
     if agreement[best] < agreement[second] + _LEAST_GAIN:
         return source
@@ -101,11 +102,6 @@ def _read(colours: FloatArray, places: RealArray) -> FloatArray:
     height, width = colours.shape[:2]
     column, row = np.floor(places).astype(np.int64).T
     return colours[row.clip(0, height - 1), column.clip(0, width - 1)]
-
-
-def _agreement(first: FloatArray, second: FloatArray) -> float:
-    """Return the shares of each one's variance that the other explains, added up: 0 to 2."""
-    return _explained(first, second) + _explained(second, first)
 
 
 def _explained(by: FloatArray, what: FloatArray) -> float:

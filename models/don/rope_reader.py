@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -100,7 +101,8 @@ class RopeReader:
             seen = self._from_above(masked)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
             if shown is not None:
-                seen = turned(seen, self._turn(view.cache_key, seen, shown), shown)
+                upright = partial(upright_turn, seen, shown, self._views.confidence)
+                seen = turned(seen, self._turns.get(view.cache_key, upright), shown)
             return replace(seen, segmented=masked is not view)
 
         return self._rectified.get(view.cache_key, prepared)
@@ -121,9 +123,6 @@ class RopeReader:
         above = self._large(untilted(view, _TILT, shown, view.border_rgb))
         gain = self._views.confidence(above.view) - self._views.confidence(as_it_is.view)
         return above if gain > _SURER else as_it_is
-
-    def _turn(self, key: str, seen: Reframed, shown: Mask) -> float:
-        return self._turns.get(key, lambda: upright_turn(seen, shown, self._views.confidence))
 
     def _large(self, seen: Reframed) -> Reframed:
         return seen.zoomed(self._shown(seen.view), *self._settings.fill)

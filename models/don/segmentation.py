@@ -121,18 +121,13 @@ def shown(rgb: Rgb, likely: Float32Array, least_known: float = _LEAST_KNOWN_PART
     Returns:
         bool, with 320 pixels along its longer side.
     """
-    p = _working(likely, rgb.shape[:2])
+    size = with_longer_side(rgb.shape[:2], _WORKING_SIDE)[::-1]
+    p: FloatArray = cv2.resize(likely, size, interpolation=cv2.INTER_LINEAR).astype(np.float64)
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
     objects = _without_specks(_cut(smaller(rgb, p.shape), p, near), p, least_known)
     return objects if objects.sum() >= _LEAST_PIXELS else None
-
-
-def _working(values: Float32Array, shape: tuple[int, ...]) -> FloatArray:
-    """Return values at the working size of a picture (height, width)."""
-    size = with_longer_side(shape, _WORKING_SIDE)[::-1]
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
 def _cut(rgb: Rgb, p: FloatArray, near: Mask) -> Mask:

@@ -94,11 +94,9 @@ def average_gradients(parameters: list[nn.Parameter], processes: Processes) -> N
     flat = torch.cat([gradient.flatten() for gradient in gradients])
     distributed.all_reduce(flat)
     flat /= processes.world
-    start = 0
-    for gradient in gradients:
-        stop = start + gradient.numel()
-        gradient.copy_(flat[start:stop].view_as(gradient))
-        start = stop
+    means = flat.split([gradient.numel() for gradient in gradients])
+    for gradient, mean in zip(gradients, means, strict=True):
+        gradient.copy_(mean.view_as(gradient))
 
 
 def agree(value: float, processes: Processes) -> float:
