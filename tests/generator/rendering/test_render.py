@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -33,6 +34,13 @@ HIGH_SUN = Light((0.6, 0.0, 0.8), (2.0, 2.0, 2.0), math.radians(3.0), (0.3, 0.3,
 def plain_appearance(scene_object: SceneObject, **values: object) -> Appearance:
     settings = AppearanceSettings(tables={"mottled": 1.0}, specular=(0.2, 0.2), **values)  # type: ignore[arg-type]
     return sample_appearance(np.random.default_rng(3), scene_object, settings)
+
+
+def in_high_sun(scene_object: SceneObject) -> Appearance:
+    """Return the look of a scene on a plain table, whose light is known."""
+    table = TableAppearance("plain", (0.5, 0.25, 0.1), 0.0, 0.1, 0.0, 0)
+    appearance = sample_appearance(np.random.default_rng(0), scene_object, AppearanceSettings())
+    return replace(appearance, light=HIGH_SUN, table=table)
 
 
 def picture(
@@ -119,11 +127,9 @@ def test_the_sky_under_a_plate_is_dark_and_far_away_open() -> None:
 
 
 def test_the_open_table_is_bright_by_the_formula(sheet: SceneObject) -> None:
-    table = TableAppearance("plain", (0.5, 0.25, 0.1), 0.0, 0.1, 0.0, 0)
-    appearance = sample_appearance(np.random.default_rng(0), sheet, AppearanceSettings())
-    appearance = Appearance(**{**appearance.__dict__, "light": HIGH_SUN, "table": table})
+    appearance = in_high_sun(sheet)
     view = TableView(VIEW, appearance)
-    expected = np.array(table.colour) * (2.0 * 0.8 / math.pi + 0.3)
+    expected = np.array(appearance.table.colour) * (2.0 * 0.8 / math.pi + 0.3)
     np.testing.assert_allclose(view.linear, np.broadcast_to(expected, view.linear.shape), rtol=1e-6)
     world = SceneMesh.of(sheet).vertices(sheet.pose(0))
     shadow = shadow_map(world, sheet.parts[0].faces, HIGH_SUN)
@@ -136,9 +142,7 @@ def test_the_open_table_is_bright_by_the_formula(sheet: SceneObject) -> None:
 def test_the_horizon_has_no_steps(sheet: SceneObject) -> None:
     """A pixel on the horizon is the mean of its parts, seen with 8 times the pixels."""
     up = (0.3, 0.0, 1.0)
-    table = TableAppearance("plain", (0.5, 0.25, 0.1), 0.0, 0.1, 0.0, 0)
-    appearance = sample_appearance(np.random.default_rng(0), sheet, AppearanceSettings())
-    appearance = Appearance(**{**appearance.__dict__, "light": HIGH_SUN, "table": table})
+    appearance = in_high_sun(sheet)
     coarse, fine = (
         TableView(
             looking_at((0.1, -0.6, 0.1), (0, 0, 0.02), (40 * k, 30 * k), fov_deg=80.0, up=up),

@@ -15,6 +15,7 @@ from pliant.models.don import described
 from pliant.models.don.ball import BALL as BALL_FILE
 from pliant.models.don.ball import BallNetwork, ball_in
 from pliant.models.don.described import ViewDescriber
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.one_rope import resized
 from pliant.models.don.segmentation import cloth_mask, denoised, more_certain, rope_masks, shown
 from pliant.models.don.validation import draw_validation_pairs
@@ -35,6 +36,12 @@ def encoded(linear: FloatArray) -> Rgb:
     """Return sRGB bytes of linear light."""
     curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return (curve.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def describer(matcher: DonMatcher) -> ViewDescriber:
+    return ViewDescriber(
+        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
+    )
 
 
 def overlap(a: Mask, b: Mask) -> float:
@@ -210,9 +217,7 @@ def test_the_network_decides_alone_on_a_table_as_colourful_as_the_object() -> No
 
 def test_a_cloth_is_found_by_the_network_for_masks_where_that_is_sure() -> None:
     matcher = shipped_don("don-cloth")
-    views = ViewDescriber(
-        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
-    )
+    views = describer(matcher)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     left, right = (np.hypot(rows - 240, columns - u) < 90 for u in (180, 460))
     rgb = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
@@ -248,9 +253,7 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     overlaps, errors, gaps = [], [], []
     for pair in draw_validation_pairs(store, pairs=2, queries=40, seed=1):
         source, target = (Frame(view.rgb, key=view.key) for view in (pair.source, pair.target))
-        views = ViewDescriber(
-            matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
-        )
+        views = describer(matcher)
         mask = known(views.segmented(target).mask)
         overlaps.append(overlap(mask, known(pair.target.mask)))
         answers = matcher.answer(Pair(source, target, pair.uv_a_px))
@@ -314,9 +317,7 @@ def test_a_picture_without_noise_is_left_as_it_is() -> None:
 
 def test_objects_are_looked_for_in_the_smoothed_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     matcher = shipped_don("don-rope")
-    views = ViewDescriber(
-        matcher.network, matcher.input, matcher.size, 1, mirrored=False, plain_table=False
-    )
+    views = describer(matcher)
     picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source.rgb
     assert views.segmented(Frame(picture, key="s/0")).mask is not None
     monkeypatch.setattr(described, "denoised", lambda rgb: np.full_like(rgb, 128))
