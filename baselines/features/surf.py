@@ -7,7 +7,7 @@ Two faults of mahotas 1.4 are corrected here. It centres a descriptor 1 px up an
 its point, and at scales that are not whole it samples the cells unevenly. Its descriptors are
 therefore taken 1 px further and at the nearest whole scale: of the matches of a picture with
 itself turned by 180 degrees, 96 % are then right, and 42 % as it comes
-(`tests/baselines/features/test_half_pixel.py` measures the offsets).
+(`tests/baselines/features/test_local_features.py` measures the offsets).
 """
 
 from __future__ import annotations

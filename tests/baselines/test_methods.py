@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher, Pair
 from pliant.baselines.features.local_features import LocalFeatureMatcher
 from pliant.baselines.methods import local_feature
+from pliant.baselines.shared_cache import SharedCache
 from pliant.spec.errors import MissingExtraError
 from tests.baselines.cards import CARD_QUERIES, Motion, Similarity, card_view
 from tests.known import known
@@ -159,3 +161,12 @@ def test_remembered_frames_change_nothing() -> None:
             remembering.answer(Pair(source, target, queries)).uv_px,
             forgetting.answer(Pair(card_view(poses[0]), card_view(poses[index]), queries)).uv_px,
         )
+
+
+def test_copies_find_what_one_of_them_stored(tmp_path: Path) -> None:
+    cache: SharedCache[int] = SharedCache(2, tmp_path)
+    assert cache.get("a", lambda: 1) == 1
+    copy = pickle.loads(pickle.dumps(cache))
+    assert copy.get("a", lambda: 2) == 1
+    assert copy.get("", lambda: 3) == 3  # has no name, and is not stored
+    assert len(list(tmp_path.iterdir())) == 1

@@ -11,6 +11,7 @@ from pliant.generator.objects.rope.curve import arc_length, resample
 from pliant.generator.objects.rope.static import ball_centre_of
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings import ClothSettings, RopeSettings
+from tests.generator.runner.standin import digests, make
 
 RADIUS_M = 0.012
 SIDE_M = 0.5
@@ -80,3 +81,11 @@ def either(request: pytest.FixtureRequest) -> SceneObject:
     """The tube, then the sheet."""
     scene_object: SceneObject = request.getfixturevalue(request.param)
     return scene_object
+
+
+@pytest.fixture(scope="session")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Digests of the small stand-in set made at once by one worker."""
+    out = tmp_path_factory.mktemp("uninterrupted") / "set"
+    make(out)
+    return digests(out)

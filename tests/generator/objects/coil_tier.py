@@ -2,7 +2,7 @@
 
 A tier is a module with two functions. `describe` returns what `dataset.json` declares; `sample`
 returns a `SceneObject`: parts, named points, and the geometry of each frame. Truth, cameras,
-styles, tables and queries need nothing else. `test_new_tier.py` registers this one and makes a
+styles, tables and queries need nothing else. `test_scenes.py` registers this one and makes a
 dataset of it.
 """
 

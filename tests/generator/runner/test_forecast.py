@@ -6,13 +6,31 @@ from typing import Any
 
 import pytest
 
+from pliant.generator.config import GenerateConfig, split_counts
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.estimate import at_length, estimate_run
-from pliant.generator.runner.plan import plan_run
+from pliant.generator.runner.plan import plan_run, plan_tasks
 from pliant.generator.runner.progress import Forecast
 from pliant.generator.seeding import SequenceTask
 from tests.generator.runner.standin import InProcess, make, maker, small_config
 from tests.known import known
+
+
+def test_splits_never_shrink_as_a_set_grows() -> None:
+    before = {"train": 0, "val": 0, "test": 0}
+    for count in range(1, 60):
+        now = {**dict.fromkeys(before, 0), **split_counts(count)}
+        assert sum(now.values()) == count
+        assert all(now[split] >= before[split] for split in before)
+        before = now
+    assert split_counts(10) == {"train": 7, "val": 1, "test": 2}
+
+
+def test_a_larger_plan_holds_the_smaller_one() -> None:
+    small = plan_tasks(GenerateConfig(tiers=("rope",), sequences=13))
+    large = plan_tasks(GenerateConfig(tiers=("rope", "cloth-3"), sequences=57))
+    assert set(small) < set(large)
+    assert len({task.id for task in large}) == len(large) == 2 * 57
 
 
 def result(seconds: float, size: int, *, warm: bool) -> SequenceResult:

@@ -14,15 +14,15 @@ from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.cloth import COVERAGE_BANDS, ClothSettings, Variant
 from pliant.spec.errors import GenerationError
-from tests.generator.objects.cloth import independent_intersections
+from tests.generator.objects.cloth.test_surface import count_intersections
 from tests.generator.world import scene
 
 COARSE = ClothSettings(points_a_side=33)
 
 
-def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
+def crossings(pose: Pose, scene_object: SceneObject) -> int:
     faces = scene_object.parts[0].faces
-    return independent_intersections.count_intersections(pose.vertices["cloth"], faces)
+    return count_intersections(pose.vertices["cloth"], faces)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_tier_keeps_its_word(level: int, speed_m_s: float, proportion: float) 
         assert vertices[:, 2].min() >= 0.5 * settings.thickness_m - 1e-12
         middle = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
         assert np.abs(middle[:2]).max() < 0.02
-        assert count_intersections(pose, scene_object) == 0
+        assert crossings(pose, scene_object) == 0
         hands = [action for action in info["actions"] if action["name"] != "stand"]
         assert hands
         assert all(action["speed_m_s"] == speed_m_s for action in hands)

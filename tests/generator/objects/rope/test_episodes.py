@@ -9,7 +9,7 @@ from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode, next_action
 from pliant.generator.settings import RopeSettings
-from tests.generator.objects.rope.rope_checks import closest_stretches
+from tests.generator.objects.rope.test_shapes import closest_stretches
 from tests.generator.world import scene
 
 SETTINGS = RopeSettings()
