@@ -45,7 +45,6 @@ from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.trainer import TimeCycleTask, train_timecycle
 from pliant.models.timecycle.validation import (
     Track,
-    choose_readout,
     errors_over_time,
     figures,
     track_identity,
@@ -166,13 +165,6 @@ def errors(task: TimeCycleTask, prefix: str, track: Track) -> dict[str, Value]:
     return {**listed, f"{prefix}late_px": found["criterion_px"]}
 
 
-def chosen(matcher: TimeCycleMatcher, task: TimeCycleTask) -> TimeCycleMatcher:
-    """Return a matcher read in the way that suits its encoder."""
-    if not task.settings.propagation.chosen:
-        return matcher
-    return matcher.read_by(choose_readout(matcher, task.stretches))
-
-
 def measure(
     quick: bool, data: Path | None, run: Path | None, don: Path | None, steps: int | None
 ) -> dict[str, Value]:
@@ -193,14 +185,14 @@ def measure(
         assert isinstance(trained, TimeCycleMatcher)
         record = errors(task, "", track_with(trained)) | errors(task, "identity_", track_identity)
         for name, matcher in (("untrained_", untrained), ("oracle_", Oracle(task))):
-            record |= errors(task, name, track_with(chosen(matcher, task)))
+            record |= errors(task, name, track_with(task.read_out(matcher)))
         if don is not None:
             network = read_mapping(don / "config.yaml")["network"] | {"pretrained": str(don)}
             begun = (f"network={json.dumps(network)}", "lift=8")
             settings = read_settings(TimeCycleSettings, RECIPE, (*begun, *changes))
             supervised = TimeCycleTask(dataset, settings, scratch / "supervised", ALONE)
             matcher = TimeCycleMatcher(supervised.network, settings)
-            track = track_with(chosen(matcher, supervised))
+            track = track_with(supervised.read_out(matcher))
             record |= errors(supervised, "supervised_", track)
         record["overhead_ratio"] = overhead(task, 3 if quick else 15)
         record["train_episodes"] = sum(s.split == "train" for s in dataset.sequences)

@@ -23,8 +23,8 @@ from pliant.models.don.validation import draw_validation_pairs, validate
 from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.training.checkpoint import save_weights
+from pliant.models.training.loop import RunOptions, train_task
 from pliant.models.training.processes import Processes
-from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import CALIBRATION, RUN_FACTS, with_tier, write_json
 from pliant.models.training.task import Batch, Task
 from pliant.spec.dataset import Dataset

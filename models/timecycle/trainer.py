@@ -23,8 +23,8 @@ from pliant.models.timecycle.validation import (
     track_with,
 )
 from pliant.models.timecycle.walk import walk_losses, warped_copies
+from pliant.models.training.loop import RunOptions, train_task
 from pliant.models.training.processes import Processes
-from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import RUN_FACTS, write_json, write_settings
 from pliant.models.training.task import Batch, Task
 from pliant.spec.dataset import Dataset
@@ -110,7 +110,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         matcher = TimeCycleMatcher(self.network, self.settings)
         return figures(errors_over_time(track_with(matcher), self.stretches))
 
-    def _read(self, matcher: TimeCycleMatcher) -> TimeCycleMatcher:
+    def read_out(self, matcher: TimeCycleMatcher) -> TimeCycleMatcher:
         """Return a matcher with the read-out that suits its encoder, where it is to be chosen."""
         if not self.settings.propagation.chosen:
             return matcher
@@ -125,10 +125,10 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         self, run: Path, history: Sequence[Mapping[str, float]], facts: dict[str, Any]
     ) -> None:
         """Compare the network with the trivial answers and its first weights; see `Task`."""
-        matcher = self._read(TimeCycleMatcher(self.network, self.settings, facts))
+        matcher = self.read_out(TimeCycleMatcher(self.network, self.settings, facts))
         write_settings(run, matcher.settings)
         first = first_network(self.settings).to(self.processes.device)
-        untrained = self._read(TimeCycleMatcher(first, self.settings))
+        untrained = self.read_out(TimeCycleMatcher(first, self.settings))
         guard = compare_with_trivial(matcher, untrained, self.stretches)
         facts["validation"] = figures(errors_over_time(track_with(matcher), self.stretches))
         facts["guard"] = guard.as_dict()

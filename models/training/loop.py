@@ -1,4 +1,4 @@
-"""The training loop, whatever is trained: steps, checkpoints, validation.
+"""A training run, whatever is trained: processes, folder, steps, checkpoints, validation.
 
 A `Task` says what a batch's loss is and how good the network is; the loop does the rest. All
 randomness of a step comes from the seed and the step's number, so a resumed run takes the
@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import torch
 from torch import nn
@@ -22,17 +22,31 @@ from pliant.models.training.checkpoint import (
     TrainingState,
     Weights,
     checkpoint_to_resume,
+    load_best,
     read_checkpoint,
     remove_others,
     save_checkpoint,
     save_weights,
 )
 from pliant.models.training.optimiser import learning_rate, make_optimiser
-from pliant.models.training.processes import Processes, average_gradients, interrupts_deferred
-from pliant.models.training.run_folder import TENSORBOARD, data_digest
-from pliant.models.training.settings import RunSettings
+from pliant.models.training.processes import (
+    Processes,
+    agree,
+    average_gradients,
+    interrupts_deferred,
+    joined_processes,
+)
+from pliant.models.training.run_folder import (
+    TENSORBOARD,
+    data_digest,
+    open_run,
+    run_facts,
+    with_tier,
+)
+from pliant.models.training.settings import Chosen, RunSettings
 from pliant.models.training.task import Task
 from pliant.spec.configuration import settings_to_dict
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import TrainingError
 
 StepProgress = Callable[[int, Mapping[str, float]], None]
@@ -42,28 +56,81 @@ _LOG_EVERY = 10
 _CRITERION = "val/criterion_px"
 
 
-def train(
-    task: Task[Any],
-    run: Path,
-    *,
-    resume: bool = False,
-    progress: StepProgress | None = None,
-) -> TrainingState:
-    """Train, or go on training.
+class RunOptions(TypedDict, total=False):
+    """How a run is started.
 
-    Args:
-        task: What is trained.
-        run: The run's folder, which exists.
+    Attributes:
         resume: Go on from the newest checkpoint.
         progress: Called after each step.
+    """
+
+    resume: bool
+    progress: StepProgress | None
+
+
+def train_task(
+    task_type: type[Task[Chosen]],
+    dataset: Dataset,
+    run: Path,
+    settings: Chosen,
+    options: RunOptions,
+) -> dict[str, Any]:
+    """Train a method; afterwards `load_matcher(run)` answers.
+
+    Under `torchrun` every process calls this with the same arguments; process 0 writes.
+
+    Args:
+        task_type: The method.
+        dataset: The dataset.
+        run: The run's folder: new or empty, or with `resume` one that was begun.
+        settings: The config.
+        options: How the run is started.
 
     Returns:
-        Where the run stands; `average` are the weights to answer with.
+        The run's facts, as in `run.json`, with the final figures.
 
     Raises:
-        TrainingError: The gradient is NaN or infinite, or `resume` is set and the run has no
-            checkpoint.
+        CallError: The config does not fit the dataset, or the folder is in use.
+        TrainingError: Nothing to resume, another config than it began with, or divergence.
     """
+    settings = settings.replace(tier=with_tier(settings.tier, dataset))
+    if settings.threads:
+        torch.set_num_threads(settings.threads)
+    resume = options.get("resume", False)
+    with (
+        joined_processes() as processes,
+        _opened(run, settings, resume, task_type.answering, processes),
+    ):
+        task = task_type(dataset, settings, run, processes)
+        state = _train(task, run, resume, options.get("progress"))
+        facts = run_facts(dataset, settings, state.step, processes) | task.facts()
+        if processes.first and (run / BEST).is_file():
+            load_best(task.network, run)
+            task.finish(run, state.history, facts)
+    return facts
+
+
+@contextmanager
+def _opened(
+    run: Path, settings: Chosen, resume: bool, answering: str, processes: Processes
+) -> Iterator[None]:
+    """Open the run's folder in process 0; the others write to it (its cache) only then."""
+    with ExitStack() as stack:
+        if processes.first:
+            try:
+                stack.enter_context(open_run(run, settings, resume, answering))
+            except BaseException:
+                agree(False, processes)
+                raise
+        if not agree(True, processes):
+            raise TrainingError("process 0 could not open the run", path=run)
+        yield
+
+
+def _train(
+    task: Task[Any], run: Path, resume: bool, progress: StepProgress | None
+) -> TrainingState:
+    """Train, or go on training, in a folder that exists; return where the run stands."""
     network, settings, processes = task.network, task.settings, task.processes
     optimiser = make_optimiser(network, settings.optimiser)
     state = _start(task, optimiser, run, resume)

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
@@ -20,7 +20,7 @@ from pliant.models.training.checkpoint import (
     latest_checkpoint,
 )
 from pliant.models.training.processes import Processes
-from pliant.models.training.settings import RunSettings
+from pliant.models.training.settings import Chosen, RunSettings
 from pliant.spec.configuration import (
     SettingsError,
     read_settings,
@@ -37,8 +37,6 @@ RUN_FACTS: Final = "run.json"
 CALIBRATION: Final = "calibration.json"
 TENSORBOARD: Final = "tensorboard"
 LOCK: Final = ".lock"
-
-Chosen = TypeVar("Chosen", bound=RunSettings)
 
 RESUMABLE: Final = ("threads", "workers", "cache", "cache_dir", "checkpoint_every")
 """Settings that may differ when a run resumes, because they change no training step."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive
@@ -102,3 +102,6 @@ class RunSettings(Settings):
     checkpoint_every: Count = 250
     optimiser: OptimiserSettings = OptimiserSettings()
     validation: ValidationSettings = ValidationSettings()
+
+
+Chosen = TypeVar("Chosen", bound=RunSettings)

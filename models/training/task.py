@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic
 
 import torch
 from torch import nn
@@ -14,11 +14,10 @@ from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders import FrameStore, StepOrder
 from pliant.models.training.processes import Processes, children_ignore_interrupts, halved
-from pliant.models.training.settings import RunSettings
+from pliant.models.training.settings import Chosen
 from pliant.spec.dataset import Dataset
 
 Batch = Mapping[str, torch.Tensor]
-Chosen = TypeVar("Chosen", bound=RunSettings)
 
 
 class Task(ABC, Generic[Chosen]):

@@ -102,8 +102,8 @@ def test_processes_write_after_the_first_one_opened_the_run(
         return 0.0
 
     one_of_two = nullcontext(Processes(rank, 2, torch.device("cpu")))
-    monkeypatch.setattr("pliant.models.training.run.joined_processes", lambda: one_of_two)
-    monkeypatch.setattr("pliant.models.training.run.agree", refused, raising=False)
+    monkeypatch.setattr("pliant.models.training.loop.joined_processes", lambda: one_of_two)
+    monkeypatch.setattr("pliant.models.training.loop.agree", refused)
     (tmp_path / "notes.txt").write_text("mine")
     error, message = [(CallError, "must be empty"), (TrainingError, "process 0 could not open")][
         rank
