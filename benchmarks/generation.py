@@ -16,6 +16,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from record import Value, main
 
@@ -37,11 +38,11 @@ def measure(quick: bool) -> dict[str, Value]:
         rope = run("rope", style, frames[style], workers=2)
         record[f"images_per_s_{style}"] = rope.images_per_s
         record[f"cpu_s_per_image_{style}"] = rope.cpu_s_per_image
-        for stage, share in rope.shares().items():
+        for stage, share in rope.shares.items():
             record[f"share_{style}_{stage}"] = share
         record[f"bytes_per_frame_{style}"] = rope.bytes_per_frame
         if style == "fast":  # the default: its shares and bytes bear the plain names
-            record |= {f"share_{stage}": share for stage, share in rope.shares().items()}
+            record |= {f"share_{stage}": share for stage, share in rope.shares.items()}
             record["bytes_per_frame"] = rope.bytes_per_frame
         if style in ("raster", "fast"):
             suffix = "" if style == "raster" else f"_{style}"
@@ -56,25 +57,14 @@ def measure(quick: bool) -> dict[str, Value]:
     return record
 
 
-class Run:
+class Run(NamedTuple):
     """What one run showed."""
 
-    def __init__(self, results: list[SequenceResult], ticks: list[tuple[float, int]]) -> None:
-        self.results = results
-        self.frames = sum(result.frames for result in results)
-        self.images_per_s = _sustained(ticks, self.frames)
-        self.cpu_s_per_image = sum(result.cpu_s for result in results) / self.frames
-        self.bytes_per_frame = sum(result.bytes for result in results) / self.frames
-
-    def shares(self) -> dict[str, float]:
-        """Share of the CPU time of each stage; what no stage claims is the renderer's threads."""
-        total = sum(result.cpu_s for result in self.results)
-        spent = {
-            stage: sum(result.stage_cpu_s.get(stage, 0.0) for result in self.results)
-            for stage in STAGES
-        }
-        spent["render"] += total - sum(spent.values())
-        return {stage: cpu_s / total for stage, cpu_s in spent.items()}
+    images_per_s: float
+    cpu_s_per_image: float
+    bytes_per_frame: float
+    shares: dict[str, float]
+    """Share of the CPU time of each stage; what no stage claims is the renderer's threads."""
 
 
 def _sustained(ticks: list[tuple[float, int]], frames: int) -> float:
@@ -104,7 +94,16 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
                     ticks.append((time.perf_counter(), done))
             if isinstance(event, Finished):
                 results.append(event.result)
-    return Run(results, ticks)
+    total_frames = sum(result.frames for result in results)
+    total_s = sum(result.cpu_s for result in results)
+    spent = {stage: sum(each.stage_cpu_s.get(stage, 0.0) for each in results) for stage in STAGES}
+    spent["render"] += total_s - sum(spent.values())
+    return Run(
+        _sustained(ticks, total_frames),
+        total_s / total_frames,
+        sum(result.bytes for result in results) / total_frames,
+        {stage: cpu_s / total_s for stage, cpu_s in spent.items()},
+    )
 
 
 @contextmanager

@@ -8,8 +8,7 @@ from typing import Any
 
 from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
-from pliant.benchmarks.suite.opening import opening
-from pliant.benchmarks.suite.pictures import set_pictures
+from pliant.benchmarks.suite.pictures import opening, set_pictures
 from pliant.benchmarks.suite.table import Row, finished_rows, table_document
 from pliant.benchmarks.suite.tables import comparison_table, cost_tables, paper_tables, score_tables
 from pliant.benchmarks.suite.work import Workspace
