@@ -63,12 +63,13 @@ class DescriptorMatcher:
         if len(cells) == 0:
             return Answers(np.tile(central_position(target), (len(uv_a_px), 1)))
         described = self._map(target)
+        stride, first = self._geometry(described, target)
         found = []
         for begin in range(0, len(wanted), _QUERIES_AT_ONCE):
             part = wanted[begin : begin + _QUERIES_AT_ONCE]
             score = part @ described[cells[:, 1], cells[:, 0]].T  # (N, M)
             best = cells[score.argmax(axis=1)].astype(np.float64)
-            found.append(self._px(_refined(described, part, best), described, target))
+            found.append(first + _refined(described, part, best) * stride)
         uv_px = np.concatenate([np.zeros((0, 2)), *found])
         return Answers(uv_px.astype(np.float32))
 
@@ -118,11 +119,6 @@ class DescriptorMatcher:
             return stride, stride / 2
         scale = size / self._images.size_of(view)
         return self._grid[0] * scale, self._grid[1] * scale
-
-    def _px(self, cells: npt.NDArray[Any], described: npt.NDArray[Any], view: Frame) -> FloatArray:
-        stride, first = self._geometry(described, view)
-        pixels: FloatArray = first + cells * stride
-        return pixels
 
     def _nearest_cell(
         self, uv_px: Float32Array, described: npt.NDArray[Any], view: Frame

@@ -67,7 +67,8 @@ class RayEngine:
 
         started_here = not ray.is_initialized()
         if started_here:
-            ray.init(log_to_driver=False, include_dashboard=False, **self._local_cluster())
+            cores = None if os.environ.get("RAY_ADDRESS") else self.workers
+            ray.init(num_cpus=cores, log_to_driver=False, include_dashboard=False)
         gpus = self.gpus_per_worker
         if gpus is None:
             gpus = 1.0 if ray.cluster_resources().get("GPU") else 0.0
@@ -96,9 +97,6 @@ class RayEngine:
                 ray.cancel(reference, force=True)
             if started_here:
                 ray.shutdown()
-
-    def _local_cluster(self) -> dict[str, Any]:
-        return {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": self.workers}
 
 
 _OPENED: dict[str, OpenMaker] = {}

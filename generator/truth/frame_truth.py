@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.scene.scene_object import Part, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import Pose, SceneMesh, SceneObject
 from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise, rest_seen
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.arrays import FloatArray, Int32Array, IntArray
@@ -145,13 +145,9 @@ def _states(
     line = np.flatnonzero(same & points.centreline[rows])
     for part, faces, _ in mesh.parts:
         at = line[(triangle[line] >= faces.start) & (triangle[line] < faces.stop)]
-        s_seen = _material(part, triangle[at] - np.int32(faces.start), weights[at])[:, 0]
+        own = triangle[at] - np.int32(faces.start)
+        s_seen = part.chart(interpolate(own, weights[at], part.faces, part.rest))[:, 0]
         s_own = points.material[rows[at], 0]
         near = np.abs(s_seen - s_own) * scene_object.size_m <= scene_object.thickness_m
         states[at[near]] = _VISIBLE
     return states
-
-
-def _material(part: Part, triangle: Int32Array, weights: FloatArray) -> FloatArray:
-    """Return the material coordinates (N, 2) of places inside a part's triangles."""
-    return part.chart(interpolate(triangle, weights, part.faces, part.rest))
