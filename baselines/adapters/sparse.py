@@ -76,22 +76,18 @@ class SparseMatcher:
         return Answers(found.astype(np.float32))
 
 
-def on_images(
-    function: Callable[[Any, Any], Any], images: Images, name: str
-) -> Callable[[Frame, Frame], Matches]:
-    """Return a function of two views that calls one of two images.
+def match_images(
+    function: Callable[[Any, Any], Any], images: Images, name: str, source: Frame, target: Frame
+) -> Matches:
+    """Return the matches of two views by a function of two images.
 
     Args:
         function: (source image, target image) -> matches as `checked_matches` takes them.
         images: How the function receives images and counts positions.
         name: Name of the method, for messages.
+        source: The first view.
+        target: The second view.
     """
-    return functools.partial(_match_images, function, images, name)
-
-
-def _match_images(
-    function: Callable[[Any, Any], Any], images: Images, name: str, source: Frame, target: Frame
-) -> Matches:
     found = function(images.image(source), images.image(target))
     matches = checked_matches(found, name, index=images.coordinates == "index")
     return Matches(
@@ -119,7 +115,7 @@ def from_sparse(
         images: How the function receives images and counts positions.
     """
     name = name or function_name(function)
-    match = on_images(function, images or Images(), name)
+    match = functools.partial(match_images, function, images or Images(), name)
     return SparseMatcher(match, name, neighbours, facts={"implementation": "sparse matches"})
 
 

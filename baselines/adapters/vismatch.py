@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
 from pliant.baselines.adapters.images import Images
-from pliant.baselines.adapters.sparse import SparseMatcher, on_images
+from pliant.baselines.adapters.sparse import SparseMatcher, match_images
 from pliant.baselines.pixels import lies_on, searched_mask
 from pliant.spec.answers import Matches
 from pliant.spec.errors import CallError, MissingExtraError
@@ -55,7 +55,7 @@ def open_vismatch(
     matcher = library.get_matcher(name, device=device, max_num_keypoints=keypoints)
     matcher.skip_ransac = True
 
-    def match_images(source: Any, target: Any) -> tuple[Any, ...]:
+    def found_in(source: Any, target: Any) -> tuple[Any, ...]:
         found = matcher(source[0], target[0])
         score = found["matched_confidences"]
         pairs = found["matched_kpts0"], found["matched_kpts1"]
@@ -63,10 +63,9 @@ def open_vismatch(
 
     called = PREFIX + name
     images = Images(size and (int(size[0]), int(size[1])), device=device, coordinates="index")
-    match = on_images(match_images, images, called)
 
     def match_objects(source: Frame, target: Frame) -> Matches:
-        found = match(source, target)
+        found = match_images(found_in, images, called, source, target)
         on = lies_on(found.uv_a_px, searched_mask(source))
         on &= lies_on(found.uv_b_px, searched_mask(target))
         return Matches(found.uv_a_px[on], found.uv_b_px[on], found.score[on])

@@ -99,9 +99,8 @@ class ClothSettings(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.tracked_a_side > self.render_a_side or self.render_cells % (
-            self.tracked_a_side - 1
-        ):
+        between = self.tracked_a_side - 1
+        if between > self.render_cells or self.render_cells % between:
             raise Refused(
                 f"a divisor of the {self.render_cells} rendered cells, plus 1", "tracked_a_side"
             )
@@ -123,11 +122,6 @@ class ClothSettings(Settings):
     def render_cells(self) -> int:
         """Cells of the rendered grid along u."""
         return (self.points_a_side - 1) << self.doublings
-
-    @property
-    def render_a_side(self) -> int:
-        """Vertices of the rendered grid along u."""
-        return self.render_cells + 1
 
     @property
     def tracked_every(self) -> int:
@@ -172,10 +166,6 @@ class ClothSettings(Settings):
     def pattern(self) -> str:
         """Name of what is on the cloth: the variant, and the number of a print."""
         return f"printed {self.design}" if self.variant == "printed" else self.variant
-
-    def level_of(self, tier: str) -> int:
-        """Return the level of a tier: the setting's, else the digit that ends its name."""
-        return self.level or int(tier[-1])
 
     def band_of(self, level: int) -> tuple[float, float]:
         """Return the accepted silhouette coverage of a level."""

@@ -13,7 +13,7 @@ import torch
 
 from pliant.baselines.matcher import Heat
 from pliant.baselines.remarks import cut_object_remarks
-from pliant.baselines.tracing import Reframed, rope_remarks
+from pliant.baselines.tracing import Reframed, completed, rope_remarks
 from pliant.models.don.certainty import Calibration, decode_position, mixture_of_modes
 from pliant.models.don.comparison import Comparison, PairDistribution, Search, compare
 from pliant.models.don.described import ViewDescriber
@@ -27,7 +27,7 @@ from pliant.models.don.familiarity import (
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
-from pliant.models.don.tracing import TracedView, both_completed, traced_places
+from pliant.models.don.tracing import TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
@@ -291,7 +291,10 @@ class DonMatcher:
         return self.reader.traced(seen, self._scale)
 
     def _both_traced(self, source: Reframed, target: Reframed) -> tuple[TracedView, TracedView]:
-        return both_completed(self._traced(source), self._traced(target))
+        """Return both views, whose traces go on where the rope leaves the picture."""
+        own, other = self._traced(source), self._traced(target)
+        own_traces, other_traces = completed(own.traces, other.traces)
+        return replace(own, traces=own_traces), replace(other, traces=other_traces)
 
     def decoded(self, found: Search, target: Frame) -> FloatArray:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""

@@ -38,7 +38,6 @@ from pliant.baselines.tracing import (
     Likelihood,
     MaskShape,
     Trace,
-    completed,
     has_ball,
     located,
     pair_log_odds,
@@ -99,12 +98,6 @@ class TracedView:
         places = torch.from_numpy((stations * factor).astype(np.float32))
         found = sample_descriptors(self.descriptors[None], places.flatten(0, 1)[None])
         return found[0].view(*places.shape[:2], -1)
-
-
-def both_completed(source: TracedView, target: TracedView) -> tuple[TracedView, TracedView]:
-    """Return two views whose traces go on where the rope leaves the picture; see `completed`."""
-    own, others = completed(source.traces, target.traces)
-    return replace(source, traces=own), replace(target, traces=others)
 
 
 def canonical_likelihood(

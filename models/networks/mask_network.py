@@ -45,9 +45,20 @@ class MaskNetwork(UNet):
         return cls(WIDE if len(second) == WIDE[1] else NARROW)
 
     def widened(self) -> MaskNetwork:
-        """Return a network with more channels that finds the same."""
+        """Return a network with twice the channels at some of the levels that finds the same.
+
+        Every channel is there twice, and both copies together have the weight of the one. Copies
+        differ by noise that cancels, since copies that are alike would stay alike in training.
+        """
         wide = MaskNetwork(WIDE)
-        widen(self, wide)
+        given, shapes = self.state_dict(), {k: v.shape for k, v in wide.state_dict().items()}
+        weights = {name: _wider(values, shapes[name]) for name, values in given.items()}
+        for name, values in weights.items():
+            if ".qkv." in name and values.shape != given[name].shape:
+                # Twice as many channels double the products of queries and keys; attention divides
+                # them by the square root of that number.
+                values[: 2 * len(values) // 3] *= 2**-0.25
+        wide.load_state_dict(weights)
         return wide
 
     def found(self, rgb: Rgb, side: int = ROPE_SIDE) -> Float32Array:
@@ -76,26 +87,6 @@ def at_side(image: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
 
 
 _UNLIKE: Final = 0.3  # standard deviation of what copies differ by, of that of the weights
-
-
-def widen(narrow: UNet, wide: UNet) -> None:
-    """Give a network the function of another one with half its channels at some of the levels.
-
-    Every channel is there twice, and both copies together have the weight of the one. Copies differ
-    by noise that cancels, since copies that are alike would stay alike in training.
-
-    Args:
-        narrow: A network.
-        wide: One with as many or twice as many channels at each level; it is changed.
-    """
-    given, shapes = narrow.state_dict(), {k: v.shape for k, v in wide.state_dict().items()}
-    weights = {name: _wider(values, shapes[name]) for name, values in given.items()}
-    for name, values in weights.items():
-        if ".qkv." in name and values.shape != given[name].shape:
-            # Twice as many channels double the products of queries and keys; attention divides
-            # them by the square root of that number.
-            values[: 2 * len(values) // 3] *= 2**-0.25
-    wide.load_state_dict(weights)
 
 
 def _wider(weights: torch.Tensor, shape: torch.Size) -> torch.Tensor:

@@ -73,7 +73,7 @@ def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
     """
     tier = streams.task.tier
     settings = _settings_of(config, tier)
-    level = settings.level_of(tier)
+    level = settings.level or int(tier[-1])
     parts, points = cloth_parts(settings)
 
     def still(frame: int) -> Pose:
