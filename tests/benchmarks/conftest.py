@@ -17,17 +17,6 @@ THUMB = Path(__file__).parent / "thumb.yaml"
 """A benchmark of everything, made in seconds."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _sequences_are_made_here() -> Iterator[None]:
-    """Make sets in this process: no process has to start for the few sequences of a test."""
-    run = pytest.importorskip("pliant.generator.runner.run")
-    from tests.generator.runner.standin import InProcess
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_open_engine", lambda *_: InProcess())
-        yield
-
-
 @pytest.fixture(scope="module")
 def config_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copy(THUMB, tmp_path_factory.mktemp("config")))

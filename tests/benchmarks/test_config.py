@@ -15,6 +15,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.reading import sha256_file
 from tests.benchmarks.conftest import BENCHMARKS, THUMB
+from tests.generator.runner.standin import InProcess
 from tests.known import known
 
 
@@ -90,7 +91,7 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
     config = read_config(BENCHMARKS / f"{name}.yaml")
     frozen = known(read_frozen(config))
     few = config.sets[variant].replace(splits={"test": 1}, sequences=None)
-    generate(few, tmp_path / "set")
+    generate(few, tmp_path / "set", engine=InProcess())
     for sequence in Dataset.open(tmp_path / "set").sequences:
         table = sequence.dir / "correspondences.parquet"
         assert sha256_file(table) == frozen["sets"][variant]["tables"][sequence.id]

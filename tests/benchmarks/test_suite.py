@@ -282,7 +282,8 @@ def test_a_set_without_queries_ends_the_benchmark(config_file: Path, tmp_path: P
     config = read_config(config_file)
     one = {"rope": config.sets["rope"].replace(splits={"test": 1})}
     config = config.replace(sets=one, runs={}, tests={}, comparisons=())
-    with pytest.raises(CallError, match="sets/rope: the dataset has no queries for split 'test'"):
+    no_queries = "sets/rope: the dataset has no queries for split 'test'"
+    with jobs_here(), pytest.raises(CallError, match=no_queries):
         run_benchmark(config, tmp_path / "out", workers=1, watcher=Recorder())
 
 

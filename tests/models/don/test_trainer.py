@@ -70,20 +70,19 @@ def test_a_run_interrupted_before_its_first_checkpoint_begins_again(
         train_don(sheet_dataset, run, don())
 
 
-def test_a_run_goes_on_with_its_own_data(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    """Another dataset of the same id and version is other data."""
+def test_a_run_goes_on_with_its_own_data_and_as_many_processes(
+    sheet_dataset: Dataset, tmp_path: Path
+) -> None:
+    """Another dataset of the same id and version is other data.
+
+    A step takes a batch for each process: with fewer, samples would be seen twice.
+    """
     other = Dataset.open(write_sheet_dataset(tmp_path / "set", {"train": 2, "val": 3}))
     assert other.id == sheet_dataset.id
     run = tmp_path / "run"
     train_two_steps(train_don, sheet_dataset, run, don())
     with pytest.raises(TrainingError, match="run: a run resumes only with the datasets"):
         train_don(other, run, don(), resume=True)
-
-
-def test_a_run_goes_on_with_as_many_processes(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    """A step takes a batch for each process: with fewer, samples would be seen twice."""
-    run = tmp_path / "run"
-    train_two_steps(train_don, sheet_dataset, run, don())
     state = known(latest_checkpoint(run)) / "state.json"
     state.write_text(json.dumps(json.loads(state.read_text()) | {"processes": 2}))
     with pytest.raises(TrainingError, match=r"as many processes .*required: 2"):

@@ -27,7 +27,7 @@ SMALL = NetworkSettings(widths=(8, 16, 32))
 @pytest.mark.parametrize("name", ["unet", "resnet18"])
 @pytest.mark.parametrize("kind", ["depth", "rgb"])
 def test_a_descriptor_and_an_orientation_at_every_pixel(name: str, kind: InputKind) -> None:
-    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32))
+    settings = SMALL.replace(name=name, descriptor_dim=5)
     images = torch.randn(1, NetworkInput(kind).channels, 50, 66)
     for orientation in (False, True):
         network = DescriptorNetwork(settings, NetworkInput(kind), orientation=orientation).eval()
@@ -69,8 +69,7 @@ def test_global_blocks_see_the_whole_image() -> None:
     torch.manual_seed(0)
     image = torch.randn(1, 3, 64, 128, requires_grad=True)
     for blocks, seen in ((0, False), (1, True)):
-        settings = NetworkSettings(widths=(8, 16, 32), global_blocks=blocks)
-        network = DescriptorNetwork(settings, COLOUR)
+        network = DescriptorNetwork(SMALL.replace(global_blocks=blocks), COLOUR)
         for module in network.modules():  # group normalisation sees everything too, a little
             if isinstance(module, ConvBlock):
                 module.add_module("norm1", nn.Identity())
@@ -155,7 +154,7 @@ def test_a_pickle_with_code_is_not_run(tmp_path: Path) -> None:
 
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     save_file({"other": torch.zeros(3)}, tmp_path / "w.safetensors")
-    settings = NetworkSettings(widths=(8, 16, 32), pretrained=str(tmp_path / "w.safetensors"))
+    settings = SMALL.replace(pretrained=str(tmp_path / "w.safetensors"))
     with pytest.raises(CallError, match=r"none of the pretrained.*Copy `network`"):
         DescriptorNetwork(settings, COLOUR)
 
@@ -170,12 +169,11 @@ def test_scale_is_positive_and_learned_only_if_asked() -> None:
 
 
 def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path) -> None:
-    settings = NetworkSettings(widths=(8, 16, 32))
     torch.manual_seed(1)
-    earlier = DescriptorNetwork(settings, COLOUR, initial_scale=2.5)
+    earlier = DescriptorNetwork(SMALL, COLOUR, initial_scale=2.5)
     source = saved(tmp_path, earlier)
     torch.manual_seed(2)
-    later = DescriptorNetwork(settings.replace(pretrained=source), COLOUR, initial_scale=1.0)
+    later = DescriptorNetwork(SMALL.replace(pretrained=source), COLOUR, initial_scale=1.0)
     image = torch.rand(1, 3, 32, 32)
     assert torch.equal(later(image), earlier(image))
     assert later.scale.item() == pytest.approx(2.5)
