@@ -99,8 +99,7 @@ class ClothSettings(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        between = self.tracked_a_side - 1
-        if between > self.render_cells or self.render_cells % between:
+        if self.render_cells % (self.tracked_a_side - 1):
             raise Refused(
                 f"a divisor of the {self.render_cells} rendered cells, plus 1", "tracked_a_side"
             )
