@@ -76,13 +76,8 @@ def to_the_edge(path: FloatArray, mask: Mask, half_px: float) -> FloatArray:
         return path
     way = path[-1] - path[np.flatnonzero(behind)[-1]]
     way /= np.linalg.norm(way)
-    ahead = (
-        path[-1]
-        + np.arange(TRACING.edge_step_px, TRACING.end_reach * half_px, TRACING.edge_step_px)[
-            :, None
-        ]
-        * way
-    )
+    step_px = TRACING.edge_step_px
+    ahead = path[-1] + np.arange(step_px, TRACING.end_reach * half_px, step_px)[:, None] * way
     outside = ~lies_on(ahead, mask)
     return np.vstack([path, ahead[: outside.argmax()]]) if outside.any() else path
 

@@ -229,11 +229,5 @@ def _sum_around(mask: Mask, disc: Mask, reach: int) -> FloatArray:
 
 def _strand_px2(half_px: float) -> float:
     """Return the area of a straight strand within the disc."""
-    return (
-        2
-        * half_px**2
-        * float(
-            np.sqrt(TRACING.shape_around**2 - 1)
-            + TRACING.shape_around**2 * np.arcsin(1 / TRACING.shape_around)
-        )
-    )
+    around = TRACING.shape_around
+    return 2 * half_px**2 * float(np.sqrt(around**2 - 1) + around**2 * np.arcsin(1 / around))

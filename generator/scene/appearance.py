@@ -132,9 +132,8 @@ def sample_appearance(
         count = int(scene_object.parts[0].strand.max()) + 1
         colouring = weighted_choice(rng, settings.rope_colourings)
         # These sets of strands are kept by the reversal of a laid rope.
-        odd = {"solid": set(), "tracer": {0}, "two-tone": {0, count // 2 if count % 2 == 0 else 0}}[
-            colouring
-        ]
+        opposite = {0, count // 2 if count % 2 == 0 else 0}
+        odd = {"solid": set(), "tracer": {0}, "two-tone": opposite}[colouring]
         strands = tuple(linear_reflectance(second if k in odd else main) for k in range(count))
     else:
         cloth = (linear_reflectance(main), linear_reflectance(second), linear_reflectance(third))

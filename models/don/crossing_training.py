@@ -41,9 +41,7 @@ _ON_STRAND: Final = 0.05  # of the rope's length to the crossing, at most
 _MIDDLE: Final = 0.8  # half widths from the crossing; the upper strand has most pixels there,
 _CLEARLY: Final = 1.5  # more than so many times those of the lower one
 _EDGE_PX: Final = 0.45
-_INSIDE: Final = (
-    0.2  # weight of pixels that are not near an edge, where 1 is that of those that are
-)
+_INSIDE: Final = 0.2  # weight of pixels that are not near an edge; of those that are it is 1
 _NEAR_EDGE: Final = 7  # pixels, the side of a square in which both strands are seen
 _SHIFT, _TURN_RAD, _WIDTH = 0.1, 0.12, 0.1  # of a patch, standard deviations
 _LINE_SHIFT, _LINE_TURN_RAD = 0.08, 0.03  # of the middles
