@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pliant.cli.local_page import show_page
 from pliant.cli.match import open_photo_method
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo, to_call
+from pliant.cli.terminal import echo, show_page, to_call
 from pliant.spec.text import plural
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
     PATH,
     choice_option,
@@ -15,7 +14,7 @@ from pliant.cli.options import (
     out_option,
     set_option,
 )
-from pliant.cli.terminal import echo, echo_json, rich_progress
+from pliant.cli.terminal import echo, echo_json, rich_progress, terminated_like_interrupted
 from pliant.spec.cores import cpu_cores
 from pliant.spec.extras import require_packages
 

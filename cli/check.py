@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo, echo_json, terminated_like_interrupted
 from pliant.spec.text import plural
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option, path_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.terminal import echo, echo_json, progress_bar, terminated_like_interrupted
 from pliant.spec.conventions import SPLITS
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
+from pliant.cli.terminal import show_page
 from pliant.spec.text import plural
 
 

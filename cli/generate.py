@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from rich.filesize import decimal
 
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
     choice_option,
     image_size,
@@ -18,7 +17,14 @@ from pliant.cli.options import (
     path_option,
     set_option,
 )
-from pliant.cli.terminal import Bar, echo, echo_json, echo_result, progress_bar
+from pliant.cli.terminal import (
+    Bar,
+    echo,
+    echo_json,
+    echo_result,
+    progress_bar,
+    terminated_like_interrupted,
+)
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
 from pliant.spec.text import duration, plural

@@ -7,9 +7,8 @@ from typing import Any
 
 import click
 
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.terminal import echo, echo_json, progress_bar, terminated_like_interrupted
 from pliant.spec.errors import CallError
 from pliant.spec.text import plural
 

@@ -10,9 +10,8 @@ import click
 from click.core import ParameterSource
 
 from pliant.cli.challenge import database_option, require_service
-from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo
+from pliant.cli.terminal import echo, show_page
 from pliant.spec.errors import CallError
 
 

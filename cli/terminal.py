@@ -1,14 +1,16 @@
-"""Output of commands: text that is safe to show, JSON, and progress bars."""
+"""What commands show, JSON, progress bars, local pages, and their end by Ctrl-C or SIGTERM."""
 
 from __future__ import annotations
 
 import json
+import os
 import shlex
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Event, Thread
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -17,6 +19,8 @@ from pliant.spec.text import duration, escaped
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+    from pliant.viewer.local_app import LocalServer
 
 LOG_EVERY_S: Final = 30.0
 """Seconds between the lines of a command whose stderr is not a terminal."""
@@ -165,7 +169,7 @@ def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterato
         if hidden or not in_log:
             yield bar
             return
-        ended = Event()
+        ended = threading.Event()
 
         def write_lines() -> None:
             written = ""
@@ -174,7 +178,7 @@ def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterato
                     echo(line, err=True)
                 written = line
 
-        writer = Thread(target=write_lines, daemon=True)
+        writer = threading.Thread(target=write_lines, daemon=True)
         writer.start()
         try:
             yield bar
@@ -186,3 +190,51 @@ def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterato
 def to_call(*parts: object) -> str:
     """Return a command in the form that a shell takes: paths with spaces in quotes."""
     return shlex.join(map(str, parts))
+
+
+@contextmanager
+def terminated_like_interrupted(message: str) -> Iterator[None]:
+    """Let SIGTERM raise KeyboardInterrupt here and in the processes started from here.
+
+    A cluster sends SIGTERM before it takes a machine away. Ctrl-C needs no help: a terminal sends
+    it to all of a command's processes.
+
+    Args:
+        message: Said on stderr on the way out; empty for nothing.
+    """
+    import multiprocessing  # takes 6 ms, and every command imports this module
+
+    def interrupt(number: int, frame: object) -> None:
+        for child in multiprocessing.active_children():
+            if child.pid is not None:
+                os.kill(child.pid, signal.SIGINT)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may take signals
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if message:
+            echo(message, err=True)
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def show_page(server: LocalServer, subject: str, *, no_browser: bool) -> None:
+    """Print a server's address, open it in the browser, and serve until Ctrl-C.
+
+    Args:
+        server: The server; it is closed at the end.
+        subject: What the page shows.
+        no_browser: Do not open a browser.
+    """
+    import webbrowser
+
+    echo(f"{subject}\n{server.address} (Ctrl-C ends)")
+    if not no_browser:
+        webbrowser.open(server.address)
+    server.run()

@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from pliant.cli.generate import GenerationDisplay
-from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option, out_option, path_option, set_option
-from pliant.cli.terminal import Bar, echo, echo_json, echo_result, progress_bar, to_call
+from pliant.cli.terminal import (
+    Bar,
+    echo,
+    echo_json,
+    echo_result,
+    progress_bar,
+    terminated_like_interrupted,
+    to_call,
+)
 
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset

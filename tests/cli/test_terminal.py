@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -10,7 +14,13 @@ import pytest
 from rich import console
 
 from pliant.cli import terminal
-from pliant.cli.terminal import Bar, progress_bar, rich_progress, to_call
+from pliant.cli.terminal import (
+    Bar,
+    progress_bar,
+    rich_progress,
+    terminated_like_interrupted,
+    to_call,
+)
 from pliant.cli.train import _Progress
 from pliant.spec.text import duration, plural
 
@@ -115,3 +125,47 @@ def test_json_and_terminals_have_no_lines(
         bar(1, 2)
         time.sleep(0.1)
     assert capfd.readouterr() == ("", "")
+
+
+def test_sigterm_interrupts_and_the_old_handler_comes_back(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), terminated_like_interrupted("Go on with --resume"):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert capsys.readouterr().err == "Go on with --resume\n"
+
+
+PARENT = """
+import multiprocessing, os, signal, sys, time
+from pliant.cli.terminal import terminated_like_interrupted
+
+def work(ready):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        ready.set()
+        while True:  # a signal just before a long sleep would wait for its end
+            time.sleep(0.05)
+    except KeyboardInterrupt:
+        print("child saved", flush=True)
+
+if __name__ == "__main__":
+    ready = multiprocessing.Event()
+    child = multiprocessing.Process(target=work, args=(ready,))
+    try:
+        with terminated_like_interrupted(""):
+            child.start()
+            ready.wait()
+            os.kill(os.getpid(), signal.SIGTERM)
+            while True:
+                time.sleep(0.05)
+    except KeyboardInterrupt:
+        child.join(30)
+        sys.exit(child.exitcode)
+"""
+
+
+def test_processes_started_from_here_are_interrupted_too() -> None:
+    done = subprocess.run([sys.executable, "-c", PARENT], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "child saved\n"), done.stderr

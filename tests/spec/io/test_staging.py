@@ -19,7 +19,7 @@ from tests.privilege import without_privilege
 PROGRAM = """
 import signal, sys, time
 from pathlib import Path
-from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.cli.terminal import terminated_like_interrupted
 from pliant.spec.io.staging import staged
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
