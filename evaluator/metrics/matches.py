@@ -12,8 +12,7 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.dense_truth import dense_truth
-from pliant.evaluator.metrics.surface_images import nearest_object_pixel
+from pliant.evaluator.metrics.surface_images import dense_truth, nearest_object_pixel
 from pliant.evaluator.submission.answers import PlacedMatches
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import OCCLUDED, VISIBLE

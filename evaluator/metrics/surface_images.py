@@ -1,9 +1,16 @@
-"""One surface image: the matter under positions, the nearest pixel of the object, silhouettes."""
+"""Surface images: the matter under positions, the object nearest to them, silhouettes, the truth.
+
+The matter under a source position is looked up in the source frame's surface image and found again
+in the target's (`dense_truth`). A surface image has one value per pixel, so that truth is known to
+about half a pixel.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +18,10 @@ import numpy.typing as npt
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.mask_box import mask_box
 from pliant.spec.model import MaterialObject
+
+_CHUNK_CELLS: Final = 1 << 21
+_TORN: Final = 8.0
+"""Neighbouring pixels further apart than so many median footprints are on different folds."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +42,23 @@ class ObjectSurface:
         return np.stack([self.m0[row, column], self.m1[row, column]], axis=1).astype(np.float64)
 
 
-def pixel_steps_m(surface: ObjectSurface, queried: MaterialObject) -> tuple[FloatArray, FloatArray]:
-    """Return the material distance of neighbouring pixels of the object, 0 where one is off it.
+def neighbour_steps_m(
+    surface: ObjectSurface, queried: MaterialObject
+) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice], BoolArray, FloatArray]]:
+    """Yield, for the rows and then for the columns of pixels, how far neighbours are apart.
 
-    Returns:
-        across: float64 (H, W - 1), metres, from each pixel to the next one in its row.
-        down: float64 (H - 1, W), metres, to the next one in its column.
+    Yields:
+        first, second: What the two pixels of each couple of neighbours are of an image.
+        both: bool, of the shape of either, couples of which both pixels show the object.
+        step_m: float64, their distance on the material, metres.
     """
-    field = np.stack([surface.m0, surface.m1], axis=-1).astype(np.float64)
-    on = surface.on_object
-    across = np.where(on[:, 1:] & on[:, :-1], queried.distance_m(field[:, 1:], field[:, :-1]), 0)
-    down = np.where(on[1:] & on[:-1], queried.distance_m(field[1:], field[:-1]), 0)
-    return across, down
+    on, fields = surface.on_object, (surface.m0, surface.m1)
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
+        both = on[first] & on[second]
+        ends = (
+            np.stack([m[each][both] for m in fields]).astype(float).T for each in (second, first)
+        )
+        yield first, second, both, queried.distance_m(*ends)
 
 
 def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
@@ -51,15 +67,8 @@ def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
     Folds and crossings, where neighbours are far apart on the material, do not move the median.
     """
     box = mask_box(surface.on_object)
-    on, m0, m1 = surface.on_object[box], surface.m0[box], surface.m1[box]
-    steps = []
-    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        both = on[one] & on[next_]
-        ends = [
-            np.stack([m0[each][both], m1[each][both]]).astype(np.float64).T for each in (next_, one)
-        ]
-        steps.append(queried.distance_m(*ends))
-    found = np.concatenate(steps)
+    inside = ObjectSurface(surface.on_object[box], surface.m0[box], surface.m1[box])
+    found = np.concatenate([step_m for *_, step_m in neighbour_steps_m(inside, queried)])
     found = found[found > 0]
     return float(np.median(found)) if len(found) else 0.0
 
@@ -151,3 +160,71 @@ def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArra
     centres = np.stack([columns + box[1].start - 0.5, rows + box[0].start - 0.5], axis=1)
     distance: FloatArray = cKDTree(centres).query(uv_px)[0]
     return distance
+
+
+@dataclass(frozen=True)
+class DenseTruth:
+    """Where the matter under some source pixels is in the target frame.
+
+    Attributes:
+        on_object: bool (M,), source positions on the queried object.
+        visible: bool (M,), whether that matter shows in the target frame.
+        uv_b_px: float64 (M, 2), where; NaN where it does not.
+    """
+
+    on_object: BoolArray
+    visible: BoolArray
+    uv_b_px: FloatArray
+
+
+def dense_truth(
+    source: ObjectSurface,
+    target: ObjectSurface,
+    uv_a_px: FloatArray,
+    queried: MaterialObject,
+    footprints: float,
+) -> DenseTruth:
+    """Find the matter under source positions in the target frame.
+
+    Args:
+        source: The queried object in the source frame.
+        target: The queried object in the target frame.
+        uv_a_px: float64 (M, 2), positions in the source frame.
+        queried: The queried object.
+        footprints: The matter shows where a target pixel is within so many times what one
+            pixel spans there.
+    """
+    count = len(uv_a_px)
+    row, column, on_object = nearest_object_pixel(source.on_object, uv_a_px, 0)
+    result = DenseTruth(on_object, np.zeros(count, bool), np.full((count, 2), np.nan))
+    rows_b, columns_b = np.nonzero(target.on_object)
+    asked = np.flatnonzero(on_object)
+    if not len(rows_b) or not len(asked):
+        return result
+    wanted = source.material(row[asked], column[asked])
+    there = target.material(rows_b, columns_b)
+    footprint = _footprint_m(target, queried)[rows_b, columns_b]
+    step = max(1, _CHUNK_CELLS // len(there))
+    for first in range(0, len(asked), step):
+        part = slice(first, first + step)
+        distance = queried.distance_m(wanted[part, None], there[None])
+        nearest = distance.argmin(axis=1)
+        least = distance[np.arange(len(nearest)), nearest]
+        shown = least <= footprints * footprint[nearest]
+        chosen = asked[part][shown]
+        result.visible[chosen] = True
+        result.uv_b_px[chosen, 0] = columns_b[nearest[shown]] + 0.5
+        result.uv_b_px[chosen, 1] = rows_b[nearest[shown]] + 0.5
+    return result
+
+
+def _footprint_m(surface: ObjectSurface, queried: MaterialObject) -> FloatArray:
+    """Return how much material one pixel spans, float64 (H, W), metres; 0 off the object."""
+    typical = typical_step_m(surface, queried)
+    result = np.where(surface.on_object, typical, 0.0)
+    for first, second, both, step_m in neighbour_steps_m(surface, queried):
+        whole = np.zeros(both.shape)
+        whole[both] = np.where(step_m <= _TORN * typical, step_m, 0)
+        for each in (first, second):
+            result[each] = np.maximum(result[each], whole)
+    return result

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import pyarrow.compute as pc
 
-from pliant.evaluator.metrics.dense_truth import dense_truth
+from pliant.evaluator.metrics.surface_images import dense_truth
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side

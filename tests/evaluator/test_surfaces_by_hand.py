@@ -12,12 +12,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.evaluator.metrics import dense_truth, surfaces
+from pliant.evaluator.metrics import surface_images, surfaces
 from pliant.evaluator.metrics.matches import Matches, MatchesSettings, match_blocks
 from pliant.evaluator.metrics.surface_images import (
     ObjectSurface,
+    dense_truth,
     farthest_material_m,
-    pixel_steps_m,
+    neighbour_steps_m,
     typical_step_m,
 )
 from pliant.evaluator.metrics.surfaces import SurfaceFacts, Surfaces
@@ -45,9 +46,9 @@ def test_what_neighbouring_pixels_span() -> None:
     np.testing.assert_array_equal(
         made.material(np.array([1, 2]), np.array([1, 2])), [[7, 4], [9, 8]]
     )
-    across, down = pixel_steps_m(made, SHEET)
-    np.testing.assert_allclose(across, [[0.5, 0], [2.5, 0], [0.0, 1]])
-    np.testing.assert_allclose(down, [[2, math.sqrt(13), 0], [0, 2, math.sqrt(5)]])
+    across, down = (step_m for *_, step_m in neighbour_steps_m(made, SHEET))
+    np.testing.assert_allclose(across, [0.5, 2.5, 0, 1])
+    np.testing.assert_allclose(down, [2, math.sqrt(13), 2, math.sqrt(5)])
     # Of 0.5, 1, 2, 2, sqrt(5), 2.5, sqrt(13).
     assert typical_step_m(made, SHEET) == 2
     assert typical_step_m(surface([[0, 8, 8, 8]]), SHEET) == 4  # equal ones do not count
@@ -201,23 +202,23 @@ def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
 def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of 0.5 m, one of 4 m, eight times the typical one, and a fold of 4.5 m."""
     target = surface([[NAN, 0, 1, 2, 3, 11, 20, NAN], [NAN] * 8])
-    footprint = dense_truth._footprint_m(target, SHEET)
+    footprint = surface_images._footprint_m(target, SHEET)
     np.testing.assert_allclose(footprint[0], [0, 0.5, 0.5, 0.5, 4, 4, 0.5, 0])
     assert not footprint[1].any()
     upright = ObjectSurface(target.on_object.T, target.m0.T, target.m1.T)
-    np.testing.assert_array_equal(dense_truth._footprint_m(upright, SHEET), footprint.T)
+    np.testing.assert_array_equal(surface_images._footprint_m(upright, SHEET), footprint.T)
     source = surface([[1.5, 7, 15, 15.5, 19, NAN], [NAN, 18.9, 0.1, 2.9, NAN, 20]])
     uv_a_px = np.array([[u + 0.5, v + 0.5] for v in (0, 1) for u in range(6)])
     on = [True] * 5 + [False, False] + [True] * 3 + [False, True]
     u = [2.5, 4.5, 5.5, NAN, NAN, NAN, NAN, NAN, 1.5, 4.5, NAN, 6.5]
     for cells in (1 << 21, 6 * 4 + 5, 1):
-        monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", cells)
-        found = dense_truth.dense_truth(source, target, uv_a_px, SHEET, 0.5)
+        monkeypatch.setattr(surface_images, "_CHUNK_CELLS", cells)
+        found = dense_truth(source, target, uv_a_px, SHEET, 0.5)
         assert found.on_object.tolist() == on
         np.testing.assert_array_equal(found.uv_b_px[:, 0], u)
         assert found.visible.tolist() == (~np.isnan(u)).tolist()
         assert (found.uv_b_px[found.visible, 1] == 0.5).all()
-    nowhere = dense_truth.dense_truth(source, surface([[NAN]]), uv_a_px, SHEET, 0.5)
+    nowhere = dense_truth(source, surface([[NAN]]), uv_a_px, SHEET, 0.5)
     assert not nowhere.visible.any()
 
 
