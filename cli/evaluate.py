@@ -71,7 +71,7 @@ def command(
     with problems is refused: all of them are listed, and the exit code is 1.
     """
     from pliant.evaluator import evaluate, write_report
-    from pliant.evaluator.hidden_truth import public_scores
+    from pliant.evaluator.scores import public_scores
     from pliant.spec.errors import SubmissionError
     from pliant.spec.limits import Limits
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import html
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -29,6 +30,10 @@ PER_PAIR_TABLE: Final = "per_pair.parquet"
 REPORT_HTML: Final = "report.html"
 PAIR_COLUMNS: Final = ("pair_id", "tier", "sequence_a", "frame_a", "sequence_b", "frame_b")
 """Columns that the table of pairs always has."""
+SIGNIFICANT_DIGITS: Final = 4
+"""Digits of `public_scores`."""
+BITS_PER_FIGURE: Final = math.log2(9 * 10 ** (SIGNIFICANT_DIGITS - 1))
+"""A figure of so many digits has at most so many bits beyond its order of magnitude."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,6 +147,58 @@ class Scores:
         (folder / REPORT_HTML).write_text(page, encoding="utf-8")
         files = {name: sha256_file(folder / name) for name in (PER_PAIR_TABLE, REPORT_HTML)}
         write_json(folder / SCORES_JSON, {**self.document, "files": files})
+
+
+def public_scores(scores: Scores) -> Scores:
+    """Return the part of scores that participants of a competition see.
+
+    A score in full precision is an equation for the answers: one answer moved by a known amount
+    changes the RMSE by an amount that depends on its truth alone. See docs/competitions.md.
+
+    Args:
+        scores: From `evaluate` with `hide_truth`.
+
+    Returns:
+        The headline metrics over the split, and the first of them for each tier, rounded to
+        `SIGNIFICANT_DIGITS`; no intervals, curves, slices, pairs or examples, and no number of
+        visible points.
+
+    Raises:
+        CallError: The errors are not capped.
+    """
+    document = scores.document
+    if not document.get("hide_truth"):
+        raise CallError(
+            f"the scores of {scores.method} reveal single answers of a held-out split",
+            found="errors that are not capped at the image diagonal",
+            fix="Score the submission with: pliant evaluate --hide-truth",
+        )
+    headline = document["headline"]
+    # The figures of a single tier are those of the split.
+    of_tier = headline if len(scores.tiers) == 1 else headline[:1]
+    public = {
+        **document,
+        "rounded": True,
+        "counts": {name: n for name, n in document["counts"].items() if name != "counted"},
+        "overall": _rounded(scores.overall, headline),
+        "tiers": {tier: _rounded(values, of_tier) for tier, values in scores.tiers.items()},
+        "intervals": {
+            "level": document["intervals"]["level"],
+            "overall": {},
+            "tiers": {tier: {} for tier in scores.tiers},
+        },
+        "curves": {},
+        "slices": {},
+    }
+    return Scores(public, scores.per_pair.slice(0, 0))
+
+
+def _rounded(values: dict[str, float | None], names: list[str]) -> dict[str, float | None]:
+    chosen = {name: values[name] for name in names if name in values}
+    return {
+        name: None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+        for name, value in chosen.items()
+    }
 
 
 def pair_table(queries: Queries, columns: Mapping[str, FloatArray]) -> pa.Table:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.evaluator.hidden_truth import BITS_PER_FIGURE
 from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.scores import BITS_PER_FIGURE
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.png import PNG_SIGNATURE, png_chunks

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 from pliant.evaluator import evaluate, inspect
-from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.protocols.protocol import parse_protocol
+from pliant.evaluator.scores import public_scores
 from pliant.service.settings import Scoring
 from pliant.spec.errors import CallError, Issue, SubmissionError
 from pliant.spec.io.parquet import read_footer

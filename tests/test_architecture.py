@@ -61,7 +61,7 @@ def test_arrows_point_one_way(folder: str) -> None:
 LAYERS = (
     {"statistics", "submission"}, {"metrics"}, {"protocols"},
     {"controls", "truth_hints", "examples", "scores"}, {"scoring"}, {"evaluate"},
-    {"hidden_truth", "comparison"}, {"report"},
+    {"comparison"}, {"report"},
 )  # fmt: skip
 
 

@@ -9,11 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.metrics.base import OVERALL, listed_figures
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import figures_of
-from pliant.evaluator.scores import Scores
+from pliant.evaluator.scores import SIGNIFICANT_DIGITS, Scores
 from pliant.evaluator.statistics.ratios import Figure
 
 _ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑"}

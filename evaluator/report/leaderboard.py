@@ -19,14 +19,13 @@ from pliant.evaluator.comparison import (
     ranks,
 )
 from pliant.evaluator.controls import CONTROLS
-from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.protocols.protocol import ratios_of
 from pliant.evaluator.report.cells import Heading, cause_bars, heading, score_cell
 from pliant.evaluator.report.charts import Chart, cdf_chart, interval_chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import board_verdict
-from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
+from pliant.evaluator.scores import SCORES_JSON, Scores, public_scores, read_scores
 from pliant.evaluator.statistics.sign_flips import fewest_sequences
 from pliant.spec.errors import CallError
 

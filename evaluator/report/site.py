@@ -9,11 +9,10 @@ from typing import Final
 
 import yaml
 
-from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report.leaderboard import find_reports, render_leaderboard
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import check_out_dir, render_report
-from pliant.evaluator.scores import REPORT_HTML, SCORES_JSON, Scores, read_scores
+from pliant.evaluator.scores import REPORT_HTML, SCORES_JSON, Scores, public_scores, read_scores
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged
 

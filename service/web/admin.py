@@ -11,8 +11,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator import PROTOCOL_NAMES
-from pliant.evaluator.hidden_truth import BITS_PER_FIGURE
 from pliant.evaluator.protocols.protocol import protocol_text
+from pliant.evaluator.scores import BITS_PER_FIGURE
 from pliant.service.audit import log_time
 from pliant.service.ledger import Attempts, attempts, credit
 from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Token, Version

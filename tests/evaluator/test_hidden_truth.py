@@ -13,8 +13,7 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate
-from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.scores import read_scores
+from pliant.evaluator.scores import public_scores, read_scores
 from pliant.spec.errors import CallError
 
 CENTRE = np.array([80.0, 60.0])

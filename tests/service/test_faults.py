@@ -19,7 +19,7 @@ from sqlalchemy import event, func, select
 
 from pliant.baselines.submission_file import query_keys, write_answers
 from pliant.evaluator import evaluate
-from pliant.evaluator.hidden_truth import public_scores
+from pliant.evaluator.scores import public_scores
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
 from pliant.service.client import Client
