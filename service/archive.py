@@ -15,7 +15,7 @@ from typing import Any, Final
 from sqlalchemy import select
 
 from pliant.service.audit import HOST, record, verify_log
-from pliant.service.challenge import CHALLENGE_YAML, Challenge, new_challenge
+from pliant.service.challenge import CHALLENGE_YAML, Challenge, FolderStore, new_challenge
 from pliant.service.models import Submission
 from pliant.service.receipts import (
     EARLIER,
@@ -30,7 +30,6 @@ from pliant.service.receipts import (
 )
 from pliant.service.site import write_challenge_site
 from pliant.service.snapshot import read_tables, write_tables
-from pliant.service.store import FolderStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import write_json

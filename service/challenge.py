@@ -13,7 +13,8 @@ CHALLENGE/
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,13 +27,54 @@ from pliant.service.database import Database, sqlite_url
 from pliant.service.models import Submission
 from pliant.service.receipts import EARLIER, PRIVATE_KEY, PUBLIC_KEY
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
-from pliant.service.store import FolderStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.staging import staged
+from pliant.spec.io.writing import synced
 
 CHALLENGE_YAML: Final = "challenge.yaml"
 SQLITE: Final = "challenge.sqlite"
+
+
+class FolderStore:
+    """Submission files under their sha256, in a folder that several machines may share.
+
+    Each is written once and never changed.
+
+    Args:
+        root: The folder.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def put(self, file: Path, sha256: str) -> None:
+        """Store a copy of a file durably; one that is there already stays."""
+        if not self.path(sha256).exists():
+            with self.copied(file, sha256) as keep:
+                keep()
+
+    @contextmanager
+    def copied(self, file: Path, sha256: str) -> Iterator[Callable[[], None]]:
+        """Copy a file, and yield what puts the copy at its place; without that it is removed."""
+        place = self.path(sha256)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        partial = place.with_name(f".{place.name}.{os.getpid()}-{os.urandom(4).hex()}")
+
+        def keep() -> None:
+            partial.replace(place)
+            synced(place.parent)
+
+        try:
+            shutil.copyfile(file, partial)
+            synced(partial)
+            yield keep
+        finally:
+            partial.unlink(missing_ok=True)
+
+    def path(self, sha256: str) -> Path:
+        """Return where a file is, or would be."""
+        return self._root / sha256[:2] / f"{sha256}.parquet"
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ import base64
 import functools
 import hashlib
 import re
+import time
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -23,10 +25,12 @@ from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.leaderboard import Board
 from pliant.service.settings import Phase, moment_text
-from pliant.service.web.throttle import Throttle
+from pliant.service.submissions import NotAcceptedError
 from pliant.spec.lru_cache import LRUCache
 
 _MOST_CACHED: Final = 64
+_FAILURES_PER_MINUTE: Final = 10
+_MOST_CLIENTS: Final = 10_000
 
 
 def _templates() -> jinja2.Environment:
@@ -60,6 +64,30 @@ def figure_heading(figure: dict[str, Any]) -> Heading:
         better=figure["better"],
         rounded=True,
     )
+
+
+class Throttle:
+    """Counts wrong tokens per client, and says when there are too many."""
+
+    def __init__(self) -> None:
+        self._times: OrderedDict[str, deque[float]] = OrderedDict()
+
+    def check(self, client: str) -> None:
+        """Refuse a client with too many events in the last minute."""
+        times = self._times.get(client, deque())
+        while times and times[0] < time.monotonic() - 60:
+            times.popleft()
+        if len(times) >= _FAILURES_PER_MINUTE:
+            raise NotAcceptedError(
+                "TOO_MANY_REQUESTS", 429, "too many wrong tokens", fix="Wait a minute."
+            )
+
+    def add(self, client: str) -> None:
+        """Count an event."""
+        self._times.setdefault(client, deque()).append(time.monotonic())
+        self._times.move_to_end(client)
+        while len(self._times) > _MOST_CLIENTS:
+            self._times.popitem(last=False)
 
 
 class Site:

@@ -20,11 +20,11 @@ from sqlalchemy import select, text
 
 from pliant.evaluator import read_protocol
 from pliant.evaluator.protocols.protocol import parse_protocol
+from pliant.service.challenge import FolderStore
 from pliant.service.models import Submission
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.scoring import Result, Task, score_in_child
 from pliant.service.settings import Scoring
-from pliant.service.store import FolderStore
 from pliant.service.web import api
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
