@@ -33,7 +33,7 @@ def command(
     installed. The page is served to this machine alone; Ctrl-C ends.
     """
     from pliant.api import load, open_method
-    from pliant.viewer.explorer.opening import open_explorer
+    from pliant.viewer.explorer.app import open_explorer
     from pliant.viewer.local_app import LocalServer
 
     dataset = load(data)

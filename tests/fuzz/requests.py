@@ -29,7 +29,7 @@ from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.io.png import write_rgb
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation
-from pliant.viewer.explorer.opening import open_explorer
+from pliant.viewer.explorer.app import open_explorer
 from pliant.viewer.local_app import site_application
 from tests.fuzz.reader import ROOT
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from typing import Final, Protocol, runtime_checkable
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +20,39 @@ from pliant.spec.frame import Frame
 from pliant.spec.lru_cache import LRUCache
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
-from pliant.viewer.photo_match import match_photo
+from pliant.viewer.photo_match import PointMatch, match_photo
 
 _KEPT_MAPS: Final = 16
+
+Kind = Literal["live", "recorded"]
+"""`live` answers any pixel, `recorded` the nearest query."""
+
+PairErrors = dict[str, list[float | None]]
+"""Split -> RMSE of each pair in pixels, None where it is not known."""
+
+
+@dataclass(frozen=True)
+class MethodAnswer:
+    """Where a method sees one point.
+
+    Attributes:
+        point: The pixel that was asked (of recorded answers, the nearest query) and the answer.
+        true_px: float64 (2,), the recorded truth of a recorded answer, or None.
+        confidence: 0 to 1, or None.
+        confidence_is: What the confidence is; empty for none.
+        material: What the method itself reads off the pixel, by the names of the material
+            coordinates, or None.
+        warnings: What makes the answer doubtful, in sentences.
+        seconds: Time that the method took.
+    """
+
+    point: PointMatch
+    true_px: FloatArray | None = None
+    confidence: float | None = None
+    confidence_is: str = ""
+    material: Mapping[str, float] | None = None
+    warnings: Sequence[str] = ()
+    seconds: float = 0.0
 
 
 @runtime_checkable

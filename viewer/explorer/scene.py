@@ -16,7 +16,7 @@ from pliant.evaluator.report.colours import material_colours
 from pliant.evaluator.report.contact_sheet import evenly
 from pliant.spec.errors import SpecError
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.explorer.available import NO_SCENE, has_scene
+from pliant.viewer.explorer.documents import NO_SCENE, has_scene
 from pliant.viewer.explorer.frames import FrameCache
 
 _TRACKS: Final = 24

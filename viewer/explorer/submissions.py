@@ -16,8 +16,7 @@ from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.limits import Limits
 from pliant.spec.queries import RecordedPair
-from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
-from pliant.viewer.explorer.live import LiveMethod
+from pliant.viewer.explorer.live import Kind, LiveMethod, MethodAnswer, PairErrors
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.photo_match import PointMatch
 

@@ -19,11 +19,10 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Pair
 from pliant.spec.queries import QueryPair, RecordedPair
-from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.app import Explorer, open_explorer
 from pliant.viewer.explorer.documents import answer_document
 from pliant.viewer.explorer.layers import error_colours, frame_layer, heat_png, method_layer
 from pliant.viewer.explorer.live import LiveMethod
-from pliant.viewer.explorer.opening import open_explorer
 from tests.known import known
 from tests.viewer.explorer.conftest import Shifted
 

@@ -13,7 +13,7 @@ import pytest
 from pliant.spec.dataset import Dataset
 from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.catalogue import catalogue
+from pliant.viewer.explorer.documents import catalogue
 from pliant.viewer.explorer.recorded import RecordedQueries
 from tests.browser import Browser, Keys
 from tests.viewer.explorer.conftest import SHIFT_PX, make_explorer
