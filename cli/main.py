@@ -16,75 +16,53 @@ from pliant.cli.terminal import echo
 
 CALL_WRONG: Final = 2
 
-SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
+SECTIONS: Final[dict[str, dict[str, str]]] = {
     "Data": {
-        "demo": ("pliant.cli.demo", "Generate and score a small benchmark, with a report."),
-        "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
-        "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
-        "convert": ("pliant.cli.convert", "Write a dataset in the format of another tool."),
-        "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
-        "info": ("pliant.cli.info", "Show a summary of a dataset."),
+        "demo": "Generate and score a small benchmark, with a report.",
+        "generate": "Render datasets; run again to resume.",
+        "import": "Import images and point annotations of other tools.",
+        "convert": "Write a dataset in the format of another tool.",
+        "validate": "Check a dataset against the specification.",
+        "info": "Show a summary of a dataset.",
     },
     "Methods": {
-        "methods": (
-            "pliant.cli.methods",
-            "List the available methods and their missing requirements.",
-        ),
-        "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
-        "train": ("pliant.cli.train", "Train a learned method; export a trained one."),
-        "benchmark": (
-            "pliant.cli.benchmark",
-            "Run a reference benchmark, from data generation to table.",
-        ),
+        "methods": "List the available methods and their missing requirements.",
+        "predict": "Run a method on the queries of a split.",
+        "train": "Train a learned method; export a trained one.",
+        "benchmark": "Run a reference benchmark, from data generation to table.",
     },
     "Scoring": {
-        "submission": (
-            "pliant.cli.submission",
-            "Make a submission from CSV, JSON lines or Parquet.",
-        ),
-        "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
-        "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
-        "compare": ("pliant.cli.compare", "Compare reports by paired differences with intervals."),
-        "leaderboard": (
-            "pliant.cli.leaderboard",
-            "Write a page or a static site from many reports.",
-        ),
+        "submission": "Make a submission from CSV, JSON lines or Parquet.",
+        "check": "List a submission's problems without scoring it.",
+        "evaluate": "Score a submission by a named protocol.",
+        "compare": "Compare reports by paired differences with intervals.",
+        "leaderboard": "Write a page or a static site from many reports.",
     },
     "Publishing": {
-        "publish": (
-            "pliant.cli.publish",
-            "Package a dataset for release, optionally without test labels.",
-        ),
-        "hub-results": (
-            "pliant.cli.hub_results",
-            "Write a report or receipt as results of a model on the Hugging Face Hub.",
-        ),
-        "challenge": (
-            "pliant.cli.challenge",
-            "Run an evaluation service: create, invite, back up.",
-        ),
-        "serve": ("pliant.cli.serve", "Serve a challenge, or a static site to this machine."),
-        "submit": ("pliant.cli.submit", "Send a submission to an evaluation service."),
-        "verify": ("pliant.cli.verify", "Verify a receipt of an evaluation service."),
+        "publish": "Package a dataset for release, optionally without test labels.",
+        "hub-results": "Write a report or receipt as results of a model on the Hugging Face Hub.",
+        "challenge": "Run an evaluation service: create, invite, back up.",
+        "serve": "Serve a challenge, or a static site to this machine.",
+        "submit": "Send a submission to an evaluation service.",
+        "verify": "Verify a receipt of an evaluation service.",
     },
     "Viewing": {
-        "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
-        "explore": (
-            "pliant.cli.explore",
-            "Explore a dataset: truth, answers and heat maps of any pixel.",
-        ),
-        "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
-        "annotate": ("pliant.cli.annotate", "Click the same points in several pictures."),
+        "view": "Draw contact sheets, index colours, tracks and figures.",
+        "explore": "Explore a dataset: truth, answers and heat maps of any pixel.",
+        "match": "Match a pixel between any two pictures.",
+        "annotate": "Click the same points in several pictures.",
     },
 }
-"""Section of `pliant --help` -> command -> (module, one-line help).
-
-The module is imported only when the command is called, so that `pliant --help` needs none of them.
-"""
+"""Section of `pliant --help` -> command -> one-line help."""
 
 COMMANDS: Final = {
-    name: entry for commands in SECTIONS.values() for name, entry in commands.items()
+    name: about for commands in SECTIONS.values() for name, about in commands.items()
 }
+
+
+def module_of(name: str) -> str:
+    """Return the module of a command, which is imported only when the command is called."""
+    return f"pliant.cli.{'import_data' if name == 'import' else name.replace('-', '_')}"
 
 
 class LazyGroup(click.Group):
@@ -98,7 +76,7 @@ class LazyGroup(click.Group):
         """Import one command's module and return its `command`, called as the table says."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        command: click.Command = importlib.import_module(module_of(cmd_name)).command
         command.name = cmd_name
         return command
 
@@ -119,9 +97,7 @@ class LazyGroup(click.Group):
         width = max(map(len, COMMANDS))
         for section, commands in SECTIONS.items():
             with formatter.section(section):
-                formatter.write_dl(
-                    [(f"{name:{width}}", text) for name, (_, text) in commands.items()]
-                )
+                formatter.write_dl([(f"{name:{width}}", text) for name, text in commands.items()])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

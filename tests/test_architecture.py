@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.cli.main import COMMANDS
+from pliant.cli.main import COMMANDS, module_of
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
@@ -126,7 +126,7 @@ def test_architecture_page_names_files_that_exist() -> None:
 
 
 _HEAVY = {"torch", "bpy", "cv2", "numba", "mahotas", "ray"}
-_OF_COMMANDS = {module for module, _ in COMMANDS.values()}
+_OF_COMMANDS = set(map(module_of, COMMANDS))
 LIGHT: dict[str, set[str]] = {
     "import pliant; dir(pliant)": {"numpy", "pyarrow", "pydantic", "yaml", *_HEAVY},
     # Every call starts with this module.

@@ -100,7 +100,7 @@ def test_help_lists_every_command_in_its_section(capsys: pytest.CaptureFixture[s
     parts = [shown.index(f"\n{section}:\n") for section in SECTIONS]
     assert parts == sorted(parts)
     assert all(f"\n  {name} " in shown for name in COMMANDS)
-    assert all(about.endswith(".") for _, about in COMMANDS.values())
+    assert all(about.endswith(".") for about in COMMANDS.values())
 
 
 @pytest.mark.parametrize("group", ["challenge", "train"])
