@@ -41,11 +41,6 @@ class Heading:
         """The unit in which `written` shows values, or empty."""
         return "mm" if self.stored_unit == "m" else self.stored_unit
 
-    @classmethod
-    def of(cls, figure: Figure, *, rounded: bool = False) -> Heading:
-        """Return the heading of a figure."""
-        return cls(figure.title, figure.about, figure.unit, figure.better, rounded)
-
     def written(self, value: float | None) -> str:
         """Return a value for people: px with two decimals, mm with one, else three."""
         if value is None:
@@ -108,7 +103,8 @@ def heading(metric: str, document: Mapping[str, Any]) -> Heading:
         document: The content of scores.json.
     """
     figure = figures_of(document).get(metric, Figure(metric, "neither", "", metric))
-    return Heading.of(figure, rounded="rounded" in document)
+    rounded = "rounded" in document
+    return Heading(figure.title, figure.about, figure.unit, figure.better, rounded)
 
 
 def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:

@@ -57,13 +57,8 @@ def utc(time_ms: int | None) -> str:
 
 def figure_heading(figure: dict[str, Any]) -> Heading:
     """Return the column heading of a figure of `Version.figures`."""
-    return Heading(
-        label=figure["label"],
-        about=figure["about"],
-        stored_unit=figure["unit"],
-        better=figure["better"],
-        rounded=True,
-    )
+    label, about, unit, better = (figure[name] for name in ("label", "about", "unit", "better"))
+    return Heading(label, about, unit, better, rounded=True)
 
 
 class Throttle:
