@@ -254,3 +254,20 @@ def test_an_unclear_difference_needs_very_many_sequences_and_a_clear_one_six() -
     # Differences of 1 + 1.5 and 1 - 1.5: 8 (1.960 + 0.842)^2 1.5^2 / 7 + 1.960^2 / 2 = 22.1.
     spread = paired_difference(SHARE, (base, asked), (base + [2.5, -0.5] * 4, asked), crossed, 0.95)
     assert spread.sequences_needed == 23
+
+
+def test_intervals_cover_what_they_should() -> None:
+    """Of 400 made-up datasets with a known mean, about 95 % of the intervals hold it."""
+    settings = SETTINGS.replace(replicates=400, seed=0, level=0.95)
+    rng = np.random.default_rng(0)
+    sequences, pairs = 8, 5
+    hits = 0
+    for _ in range(400):
+        per_sequence = rng.normal(10, 3, sequences)
+        values = np.repeat(per_sequence, pairs) + rng.normal(0, 1, sequences * pairs)
+        codes = np.repeat(np.arange(sequences), pairs)
+        crossing = Crossing.of(codes, codes, np.zeros(len(codes), int), 1)
+        columns = {"hits": values, "asked": np.ones(len(values))}
+        low, high = intervals([SHARE], columns, crossing, settings)[0]["pck"]
+        hits += low <= 10 <= high
+    assert 0.92 <= hits / 400 <= 0.98
