@@ -50,54 +50,67 @@ def test_numbers_that_no_picture_has_are_refused(dtype: str, said: str, tmp_path
         read_photo(tmp_path / "values.tif")
 
 
-def test_masks(tmp_path: Path) -> None:
-    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
-    drawn = np.zeros((6, 9), dtype=np.uint8)
-    drawn[2:4, 3] = (10, 11)  # 10 is still black
-    Image.fromarray(drawn).convert("RGB").save(tmp_path / "mask.png")
-    view = read_frame(tmp_path / "picture.png", tmp_path / "mask.png")
-    assert np.argwhere(known(view.mask)).tolist() == [[3, 3]]
-    Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
-    with pytest.raises(PliantError, match="found 9x7; required: 9x6") as refused:
-        read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
-    assert refused.value.exit_code == 1  # the data is wrong, not the call
-    for lowest, highest, said in ((0, 0, "black everywhere"), (90, 255, "no black pixel")):
-        drawn[:] = lowest
-        drawn[2:4, 3] = highest
-        Image.fromarray(drawn).save(tmp_path / "refused.png")
-        with pytest.raises(PliantError, match=said) as refused:
-            read_frame(tmp_path / "picture.png", tmp_path / "refused.png")
-        assert refused.value.exit_code == 1
+def drawn(
+    path: Path, pixels: dict[tuple[int, int], Any], ground: Any = 0, dtype: Any = "u1"
+) -> Any:
+    """Write a picture of 9x6 px, `ground` but for some (row, column), and return its values."""
+    values = np.full((6, 9), ground, "u1" if dtype == "RGB" else dtype)
+    for at, value in pixels.items():
+        values[at] = value
+    picture = Image.fromarray(values)
+    (picture.convert("RGB") if dtype == "RGB" else picture).save(path)
+    return values
+
+
+DARK = {(2, 1): 1, (2, 2): 2, (2, 3): 64}
+NOISE = {(4, column): 1 + column for column in range(9)}
+MASKS: dict[str, tuple[Any, dict[tuple[int, int], Any], list[list[int]]]] = {
+    **{f"of labels, {dtype}": (dtype, {(2, 3): 1, (3, 3): 2}, [[2, 3], [3, 3]])
+       for dtype in ("u1", "u2", "i4", "f4")},
+    "of truth values": ("?", {(2, 3): True, (3, 3): True}, [[2, 3], [3, 3]]),
+    "10 is still black in a drawing": ("RGB", {(2, 3): 10, (3, 3): 11}, [[3, 3]]),
+    # Labels beyond 10 do not make the smaller ones black; a brighter drawing has black noise.
+    **{f"labels to {most}": ("u1", DARK | {(2, 3): most}, [[2, 1], [2, 2], [2, 3]])
+       for most in (3, 12, 64)},
+    "brighter than labels": ("u1", DARK | NOISE | {(2, 3): 65}, [[2, 3]]),
+    "labels of 16 bits": ("u2", {(2, 1): 1, (2, 2): 300, (2, 3): 26001}, [[2, 1], [2, 2], [2, 3]]),
+    "NaN is outside": ("f4", {(0, 0): np.nan, (2, 3): 0.5}, [[2, 3]]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MASKS)
+def test_masks(name: str, tmp_path: Path) -> None:
+    dtype, pixels, on = MASKS[name]
+    drawn(tmp_path / "mask.tif", pixels, dtype=dtype)
+    assert np.argwhere(read_mask(tmp_path / "mask.tif", (9, 6))).tolist() == on
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32])
 def test_a_mask_without_black_is_of_one_value(dtype: Any, tmp_path: Path) -> None:
     """An object may fill its picture; two labels without 0 do not say what is outside."""
-    path, drawn = tmp_path / "mask.tif", np.ones((6, 9), dtype)
+    path = tmp_path / "mask.tif"
     for value in (255, 1):
-        Image.fromarray(drawn * dtype(value)).save(path)
+        drawn(path, {}, value, dtype)
         assert read_mask(path, (9, 6)).all()
-    drawn[2:4, 3] = 2
-    Image.fromarray(drawn).save(path)
+    drawn(path, {(2, 3): 2, (3, 3): 2}, 1, dtype)
     with pytest.raises(PliantError, match="no black pixel"):
         read_mask(path, (9, 6))
 
 
-@pytest.mark.parametrize("highest", [3, 12, 64])
-def test_every_label_of_a_dark_image_counts(highest: int, tmp_path: Path) -> None:
-    """Labels beyond 10 do not make the smaller ones black; a brighter drawing has black noise."""
-    drawn = np.zeros((6, 9), np.uint8)
-    drawn[2, 1:4] = 1, 2, highest
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
-    assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [
-        [2, 1],
-        [2, 2],
-        [2, 3],
-    ]
-    drawn[2, 3] = 65
-    drawn[4] = range(1, 10)  # noise
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
-    assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == [[2, 3]]
+def test_masks_that_are_refused(tmp_path: Path) -> None:
+    """With exit code 1: the data is wrong, not the call."""
+    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
+    mask = tmp_path / "mask.png"
+    for write, said in (
+        (lambda: Image.new("L", (9, 7), 255).save(mask), "found 9x7; required: 9x6"),
+        (lambda: drawn(mask, {}), "black everywhere"),
+        (lambda: drawn(mask, {(2, 3): 255}, 90), "no black pixel"),
+        (lambda: Image.new("RGB", (9, 6), (2, 2, 2)).save(mask), "black everywhere"),  # no labels
+    ):
+        write()
+        with pytest.raises(PliantError, match=said) as refused:
+            read_frame(tmp_path / "picture.png", mask)
+        assert refused.value.exit_code == 1
 
 
 @pytest.mark.parametrize("values", [(1, 255), (5, 255), (1, 2, 200), (1, 65535)])
@@ -105,25 +118,18 @@ def test_dark_labels_next_to_bright_values_are_refused(
     values: tuple[int, ...], tmp_path: Path
 ) -> None:
     """A void rim of 255 would be the object, and the object of label 1 would be outside."""
-    drawn = np.zeros((6, 9), np.uint8 if max(values) < 256 else np.uint16)
-    drawn[1] = values[0]
-    drawn[2, : len(values)] = values
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    path, dtype = tmp_path / "mask.png", np.uint8 if max(values) < 256 else np.uint16
+    pixels = {(1, k): values[0] for k in range(9)} | {(2, k): each for k, each in enumerate(values)}
+    drawn(path, pixels, dtype=dtype)
     with pytest.raises(PliantError, match=r"found the values 0, .*required: 0 outside") as refused:
-        read_mask(tmp_path / "mask.png", (9, 6))
+        read_mask(path, (9, 6))
     assert refused.value.exit_code == 1
-    bright = drawn.max()
-    drawn[3:5] = bright  # more than the dark pixels, which are then traces of an edge
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
-    assert (read_mask(tmp_path / "mask.png", (9, 6)) >= (drawn == bright)).all()
-    assert not read_mask(tmp_path / "mask.png", (9, 6))[0].any()
-
-
-def test_every_label_of_16_bits_counts(tmp_path: Path) -> None:
-    drawn = np.zeros((6, 9), np.uint16)
-    drawn[2, 1:4] = 1, 300, 26001
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
-    np.testing.assert_array_equal(read_mask(tmp_path / "mask.png", (9, 6)), drawn > 0)
+    # More than the dark pixels, which are then traces of an edge.
+    wide = pixels | {(row, k): max(values) for row in (3, 4) for k in range(9)}
+    bright = drawn(path, wide, dtype=dtype) == max(values)
+    found = read_mask(path, (9, 6))
+    assert (found >= bright).all()
+    assert not found[0].any()
 
 
 def test_every_label_of_a_grey_palette_counts(tmp_path: Path) -> None:
@@ -131,19 +137,11 @@ def test_every_label_of_a_grey_palette_counts(tmp_path: Path) -> None:
     labels = np.zeros((6, 9), np.uint8)
     labels[2, 1:3] = 1, 30
     for palette, found in (("grey", [[2, 1], [2, 2]]), ("colours", [[2, 2]])):
-        drawn = Image.fromarray(labels)
+        picture = Image.fromarray(labels)
         third = 1 if palette == "grey" else 3
-        drawn.putpalette([i for k in range(256) for i in (k, k, min(third * k, 255))])
-        drawn.save(tmp_path / "mask.png")
+        picture.putpalette([i for k in range(256) for i in (k, k, min(third * k, 255))])
+        picture.save(tmp_path / "mask.png")
         assert np.argwhere(read_mask(tmp_path / "mask.png", (9, 6))).tolist() == found
-
-
-def test_nan_is_not_on_the_object(tmp_path: Path) -> None:
-    values = np.full((6, 9), np.nan, np.float32)
-    values[1:, :] = 0
-    values[2:4, 3] = 0.5
-    Image.fromarray(values).save(tmp_path / "mask.tif")
-    np.testing.assert_array_equal(read_mask(tmp_path / "mask.tif", (9, 6)), values > 0)
 
 
 def test_the_rings_of_a_jpeg_are_not_in_its_mask(tmp_path: Path) -> None:
@@ -192,19 +190,6 @@ def test_an_inverted_mask_is_reported(tmp_path: Path) -> None:
         Image.fromarray(values).save(tmp_path / "mask.png")
         files = PhotoFiles(tmp_path / "picture.png", tmp_path / "mask.png")
         assert len(read_photo_view(files).notes) == notes
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_, np.int32, np.float32])
-def test_masks_of_labels(dtype: Any, tmp_path: Path) -> None:
-    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
-    labels = np.zeros((6, 9), dtype)
-    labels[2:4, 3] = (1, 2 if dtype != np.bool_ else 1)
-    Image.fromarray(labels).save(tmp_path / "labels.tif")
-    view = read_frame(tmp_path / "picture.png", tmp_path / "labels.tif")
-    assert np.argwhere(known(view.mask)).tolist() == [[2, 3], [3, 3]]
-    Image.new("RGB", (9, 6), (2, 2, 2)).save(tmp_path / "dark.png")  # a picture, not labels
-    with pytest.raises(PliantError, match="black everywhere"):
-        read_frame(tmp_path / "picture.png", tmp_path / "dark.png")
 
 
 def rope_on(colour: tuple[int, int, int], noise: int = 0) -> tuple[Any, Any, Any]:
