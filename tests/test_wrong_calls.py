@@ -67,7 +67,7 @@ CALLS: dict[str, tuple[Call, str]] = {
     "evaluate split 3": (lambda ds, _: pliant.evaluate(ds, UV, 3), "split: .*str"),
     "evaluate truth 3": (lambda ds, _: pliant.evaluate(ds, UV, truth=3), "truth: .*a file"),
     "evaluate protocol 3": (lambda ds, _: pliant.evaluate(ds, UV, protocol=3), "protocol: "),
-    "evaluate protocol": (lambda ds, _: pliant.evaluate(ds, UV, protocol="x"), "standard"),
+    "evaluate protocol": (lambda ds, _: pliant.evaluate(ds, UV, protocol="x"), "found 'x'.*auc"),
     "evaluate allow": (
         lambda ds, _: pliant.evaluate(ds, UV, allow_missing="yes"),
         r"allow_missing: .*found 'yes' \(str\); required: bool",

@@ -14,7 +14,6 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import evaluate
 from pliant.evaluator.scores import public_scores, read_scores
-from pliant.spec.errors import CallError
 
 CENTRE = np.array([80.0, 60.0])
 
@@ -97,8 +96,3 @@ def test_evaluate_prints_what_participants_may_see(
     printed = re.findall(r"\d+\.\d{3,}", capfd.readouterr().out)
     assert not [each for each in printed if len(each.lstrip("0.").replace(".", "")) > 4]
     assert read_scores(tmp_path / "report").per_pair.num_rows  # the host's, for ranks
-
-
-def test_uncapped_scores_are_not_shown_to_participants(scene: Any, tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="pliant evaluate --hide-truth"):
-        public_scores(scene.score(tmp_path, protocol="paper"))

@@ -80,18 +80,15 @@ def test_check_needs_no_truth_to_warn(
     assert json.loads(capsys.readouterr().out)["warnings"] == problems.hints
 
 
-def test_check_says_nothing_that_depends_on_the_truth(scene: Any, tmp_path: Path) -> None:
-    path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px - 0.5))
-    assert inspect(path, scene.root).hints == []
-
-
-def test_hints_are_on_the_terminal_and_in_no_file(
+def test_hints_that_need_the_truth_are_on_the_terminal_of_its_owner_alone(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A challenge shows participants files and pages alone; the hints would give answers away."""
     path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px - 0.5))
     scores = evaluate(path, scene.root)
     assert scores.hints
+    assert inspect(path, scene.root).hints == []
+    assert evaluate(path, scene.root, hide_truth=True).hints == ()
     write_report(scores, tmp_path / "report", data=scene.root)
     for file in (tmp_path / "report").iterdir():
         assert b"half a pixel to u" not in file.read_bytes()
@@ -99,13 +96,6 @@ def test_hints_are_on_the_terminal_and_in_no_file(
     shown = capsys.readouterr()
     assert "Warning: adding half a pixel" in shown.err
     assert "half a pixel" not in shown.out
-
-
-def test_scores_with_hidden_truth_have_no_hint_that_needs_it(
-    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px - 0.5))
-    assert evaluate(path, scene.root, hide_truth=True).hints == ()
     assert run(["evaluate", str(path), "--data", str(scene.root), "--hide-truth"]) == 0
     assert "half a pixel" not in capsys.readouterr().err
 

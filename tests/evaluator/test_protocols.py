@@ -70,13 +70,6 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
         assert set(protocol.headline) <= set(scene.score(tmp_path, protocol=name).overall)
 
 
-def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None:
-    with pytest.raises(
-        CallError, match="no such protocol; found 'best'; required: auc, matches, paper"
-    ):
-        scene.score(tmp_path, protocol="best")
-
-
 def test_the_committed_submission_keeps_its_score() -> None:
     golden = json.loads((TINY / "golden.json").read_text())
     found = evaluate(TINY / "submission.parquet", TINY / "dataset").document

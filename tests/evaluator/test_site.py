@@ -14,6 +14,7 @@ import yaml
 from pliant.cli.main import run
 from pliant.evaluator import write_report
 from pliant.evaluator.scores import read_scores
+from tests.conftest import Refused
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +75,10 @@ def test_readme_makes_a_static_space(reports: Path, tmp_path: Path) -> None:
 
 
 def test_scores_that_tell_answers_are_refused_where_the_truth_is_hidden(
-    reports: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    reports: Path, tmp_path: Path, refused: Refused, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["leaderboard", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
+    said = refused(2, "leaderboard", reports, "--out", tmp_path / "no", "--hide-truth")
+    assert "pliant evaluate --hide-truth" in said
     site = served(reports, tmp_path / "open")
     assert "Warning" not in capsys.readouterr().err
     report = (site / "reports/mine-co/report.html").read_text()
