@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -206,8 +206,15 @@ def match_photo(
     ]
     near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
     blank = _blank(source, target, [bool((scale > 1).any()) for scale in (scale_a, scale_b)])
-    remarks = [*_remarks(matcher, source, target), *_beside_object(matcher, source, uv_a_px)]
-    notes = _found(matcher, {"source": source, "target": target})
+    found_masks = [_found_mask(matcher, view) for view in (source, target)]
+    remarks = _remarks(matcher, source, target)
+    remarks += _beside_object(matcher.name, found_masks[0], uv_a_px)
+    notes = [
+        f"{matcher.name} found the object in the {side} ({share:.1%} of the picture)."
+        for side, mask in zip(("source", "target"), found_masks, strict=True)
+        if mask is not None
+        for share in [np.count_nonzero(mask) / mask.size]
+    ]
     return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks, notes)
 
 
@@ -242,22 +249,10 @@ def _found_mask(matcher: Matcher, view: Frame) -> npt.NDArray[np.bool_] | None:
     return mask if mask is not None and mask.any() else None
 
 
-def _found(matcher: Matcher, views: Mapping[str, Frame]) -> list[str]:
-    """Return what is to be said of objects that a method found in pictures without a mask."""
-    notes: list[str] = []
-    for side, view in views.items():
-        mask = _found_mask(matcher, view)
-        if mask is not None:
-            share = np.count_nonzero(mask) / mask.size
-            notes.append(
-                f"{matcher.name} found the object in the {side} ({share:.1%} of the picture)."
-            )
-    return notes
-
-
-def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float32]) -> list[str]:
+def _beside_object(
+    method: str, mask: npt.NDArray[np.bool_] | None, uv_px: npt.NDArray[np.float32]
+) -> list[str]:
     """Return what should be known of queries that are not near the object that the method found."""
-    mask = _found_mask(matcher, source)
     if mask is None:
         return []
     beside = sum(not _is_near(mask, uv, _NEAR_SHARE * max(mask.shape)) for uv in uv_px)
@@ -265,7 +260,7 @@ def _beside_object(matcher: Matcher, source: Frame, uv_px: npt.NDArray[np.float3
         return []
     which = f"{beside} of {len(uv_px)} points" if len(uv_px) > 1 else "The point"
     return [
-        f"{which} {'is' if beside == 1 else 'are'} not on the object that {matcher.name} found in "
+        f"{which} {'is' if beside == 1 else 'are'} not on the object that {method} found in "
         "the source: choose a point of the object, or give its mask."
     ]
 
