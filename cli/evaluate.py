@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pliant.cli.options import PATH, data_option, json_option, path_option
+from pliant.cli.options import PATH, data_option, json_option, path_option, workers_option
 from pliant.cli.terminal import echo, echo_json, progress_bar, terminated_like_interrupted
 from pliant.spec.conventions import SPLITS
 
@@ -48,13 +48,7 @@ if TYPE_CHECKING:
     help="Cap every error at the image diagonal, and print what participants may see: rounded "
     "headline figures. REPORT is for the host (see: pliant leaderboard --hide-truth).",
 )
-@click.option(
-    "--workers",
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Number of worker processes that read surface images; does not change the output.",
-)
+@workers_option(" that read surface images")
 @json_option
 def command(
     submission: Path,

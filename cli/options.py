@@ -128,7 +128,7 @@ submission_out_option = path_option(
 )
 
 
-def data_option(text: str = "Dataset folder.") -> Callable[[F], F]:
+def data_option(text: str) -> Callable[[F], F]:
     """Return `--data`, the required folder of a dataset."""
     return path_option("--data", "DIR", text, required=True)
 
@@ -161,6 +161,16 @@ def choice_option(
         show_default=default is not None,
         help=text,
     )
+
+
+def workers_option(of_what: str = "") -> Callable[[F], F]:
+    """Return `--workers`, a number of processes that changes no output.
+
+    Args:
+        of_what: What the processes are for, after their name.
+    """
+    text = f"Number of worker processes{of_what}; does not change the output."
+    return click.option("--workers", default=1, show_default=True, metavar="N", help=text)
 
 
 def image_size(text: str) -> tuple[int, int]:

@@ -17,6 +17,7 @@ from pliant.cli.options import (
     method_options,
     split_option,
     submission_out_option,
+    workers_option,
 )
 from pliant.cli.terminal import echo_result, progress_bar
 
@@ -27,13 +28,7 @@ from pliant.cli.terminal import echo_result, progress_bar
 @split_option
 @submission_out_option
 @kind_option("the method's")
-@click.option(
-    "--workers",
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Number of worker processes; does not change the output.",
-)
+@workers_option()
 @click.option(
     "--no-masks",
     is_flag=True,
