@@ -155,21 +155,13 @@ def board_view(board: Board, version: Version, show: str) -> BoardView:
 
 def board_csv(board: Board, version: Version) -> str:
     """Return a leaderboard as CSV, the controls last and without a rank."""
+    fields = ("rank", "team", "submission", "method", "coverage", "submitted_ms")
     names = [f"{each['group']}.{each['metric']}" for each in version.figures]
-    head = ["rank", "team", "submission", "method", "coverage", "submitted_ms", *names]
     rows = [
-        [
-            row.rank,
-            row.team,
-            row.submission,
-            row.method,
-            row.coverage,
-            row.submitted_ms,
-            *(row.value(each) for each in version.figures),
-        ]
+        [*(getattr(row, name) for name in fields), *map(row.value, version.figures)]
         for row in (*board.rows, *board.controls)
     ]
-    return csv_text(head, rows)
+    return csv_text([*fields, *names], rows)
 
 
 def csv_text(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
