@@ -75,7 +75,7 @@ def choose_examples(
     queries: Queries,
     columns: Mapping[str, FloatArray],
     tables: SplitTables,
-    causes: Codes | None = None,
+    causes: Codes | None,
 ) -> tuple[Example, ...]:
     """Return pairs of each tier, from the best to the worst by RMSE.
 

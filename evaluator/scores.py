@@ -244,7 +244,13 @@ def read_scores(folder: Path) -> Scores:
         files = document.pop("files")
         for name, listed in files.items():
             if (folder / name).is_file() and sha256_file(folder / name) != listed:
-                raise _mixed(folder / name)
+                raise SubmissionError(
+                    "this file of a report is not the one that its scores.json lists",
+                    path=folder / name,
+                    found="another sha256",
+                    fix="Write the report again: "
+                    "pliant evaluate SUBMISSION --data DATASET --out REPORT",
+                )
         with open(folder / PER_PAIR_TABLE, "rb") as stream:  # given a folder, Arrow reads all in it
             table = pq.ParquetFile(stream).read()
     except FileRefusedError as error:
@@ -257,15 +263,6 @@ def read_scores(folder: Path) -> Scores:
     if missing:
         raise _no_report(folder / PER_PAIR_TABLE, f"no column {', '.join(missing)}")
     return Scores(document, table)
-
-
-def _mixed(path: Path) -> SubmissionError:
-    return SubmissionError(
-        "this file of a report is not the one that its scores.json lists",
-        path=path,
-        found="another sha256",
-        fix="Write the report again: pliant evaluate SUBMISSION --data DATASET --out REPORT",
-    )
 
 
 def _no_report(path: Path, reason: object) -> SubmissionError:

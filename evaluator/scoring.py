@@ -67,7 +67,8 @@ def score(
     Raises:
         SpecError: The dataset or the truth is at fault.
     """
-    queries, has_images = loaded.queries, _has_images(dataset)
+    queries = loaded.queries
+    has_images = any(each.has(layout.depth_name(0)) for each in dataset.sequences[-1:])
     answers = loaded.answers if isinstance(loaded.answers, PlacedAnswers) else None
     has_causes = has_images and answers is not None and not hide_truth
     context = _context(loaded, dataset, protocol, has_causes)
@@ -198,10 +199,6 @@ def _results(
         overall = summary.causes[OVERALL]
         document["causes"] = {"version": CAUSES_VERSION, "overall": overall, "tiers": tiers}
     return document
-
-
-def _has_images(dataset: Dataset) -> bool:
-    return any(sequence.has(layout.depth_name(0)) for sequence in dataset.sequences[-1:])
 
 
 def _provenance(

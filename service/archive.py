@@ -136,7 +136,9 @@ def restore_challenge(
         else:
             _check_kind(source, source)
             shutil.copytree(source, place, dirs_exist_ok=True)
-        _verify_files(place)
+        for name, sha256 in read_checksums(place / _SUMS).items():
+            if not (place / name).is_file() or sha256_file(place / name) != sha256:
+                raise SpecError("a file is missing or was changed", path=name, required=sha256)
         for name in (_SUMS, ".zenodo.json"):
             (place / name).unlink(missing_ok=True)
         if (place / "site").is_dir():  # an archive has one, a backup has none
@@ -211,14 +213,6 @@ def _check_kind(folder: Path, source: Path) -> None:
                 found=f"no {name}" if source.exists() else "nothing there",
                 required="what `pliant challenge backup` or `archive` wrote",
             )
-
-
-def _verify_files(place: Path) -> None:
-    expected = read_checksums(place / _SUMS)
-    for name, sha256 in expected.items():
-        path = place / name
-        if not path.is_file() or sha256_file(path) != sha256:
-            raise SpecError("a file is missing or was changed", path=name, required=sha256)
 
 
 def _restore_keys(folder: Path, passphrase: bytes | None) -> bool:

@@ -92,6 +92,9 @@ class Causes(Metric[CausesSettings]):
     def __init__(self, settings: CausesSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
         self._side_px = max(context.queries.size)
+        tiers = [context.dataset.tiers[name] for name in context.queries.tiers]
+        # (T,), which tiers ask about a tube, whose second coordinate is closed.
+        self._tubes = np.array([each.queried.material[1].period is not None for each in tiers])
         rows = len(context.answers.uv_px)
         self.codes: npt.NDArray[np.uint8] = np.full(rows, NO_CAUSE, np.uint8)
         """Cause of each answer as its index in `CAUSES`, `NO_CAUSE` where none is known."""
@@ -115,7 +118,7 @@ class Causes(Metric[CausesSettings]):
         code = np.full(len(error), NO_CAUSE, np.uint8)
         known = facts.known
         code[known] = CODES["along"]
-        tube = self._tubes()[self.context.queries.tier[block.pairs]][block.pair]
+        tube = self._tubes[self.context.queries.tier[block.pairs]][block.pair]
         code[known & tube & (steps[:, 1] > steps[:, 0])] = CODES["across"]
         span_px = np.hypot(*steps.T) / np.where(facts.pixel_m > 0, facts.pixel_m, np.inf)
         near = error <= settings.near * side
@@ -128,12 +131,6 @@ class Causes(Metric[CausesSettings]):
         code[known & block.lost] = CODES["missing"]
         code[~block.counted & np.isfinite(error)] = CODES["hidden"]
         return code
-
-    def _tubes(self) -> npt.NDArray[np.bool_]:
-        """Return which tiers ask about a tube, whose second coordinate is closed, bool (T,)."""
-        tiers = self.context.dataset.tiers
-        names = self.context.queries.tiers
-        return np.array([tiers[name].queried.material[1].period is not None for name in names])
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add the table of causes of each group, and say how many pairs it leaves out."""

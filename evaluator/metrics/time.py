@@ -8,7 +8,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.spec.arrays import IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
@@ -35,7 +34,9 @@ class Time(Metric[TimeSettings]):
 
     def __init__(self, settings: TimeSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        self._elapsed = elapsed_frames(context)
+        queries = context.queries
+        within = queries.in_episode(context.dataset)
+        self._elapsed = np.where(within, np.abs(queries.elapsed), 0)  # (P,); 0 where undefined
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -68,9 +69,3 @@ class Time(Metric[TimeSettings]):
                     "queries": counted[frames].astype(int).tolist(),
                 }
                 summary.add_curve(name, "rmse_over_time", curve)
-
-
-def elapsed_frames(context: ScoringContext) -> IntArray:
-    """Return the frames between source and target of each pair, int64 (P,); 0 where undefined."""
-    queries = context.queries
-    return np.where(queries.in_episode(context.dataset), np.abs(queries.elapsed), 0)

@@ -141,14 +141,13 @@ def sparsification_chart(curves: Mapping[str, Mapping[str, Any]]) -> Chart:
     return line_chart(series, Labels("Sparsification", x, "RMSE of the rest, px"))
 
 
-def box_chart(boxes: Mapping[str, Mapping[str, float]], *, title: str) -> Chart:
+def box_chart(boxes: Mapping[str, Mapping[str, float]]) -> Chart:
     """Draw box plots of the RMSE of a pair.
 
     A box goes from the first to the third quartile, its whiskers to 5 and 95 %.
 
     Args:
         boxes: Name -> `p5`, `p25`, `p50`, `p75`, `p95`.
-        title: Heading.
     """
     x = "RMSE of a pair, px"
     layers = [
@@ -159,7 +158,8 @@ def box_chart(boxes: Mapping[str, Mapping[str, float]], *, title: str) -> Chart:
         },
         {"mark": {"type": "tick", "size": 14}, "encoding": {"x": _along("p50", x, {})}},
     ]
-    return _row_chart([{"name": name, **box} for name, box in boxes.items()], layers, title)
+    rows = [{"name": name, **box} for name, box in boxes.items()]
+    return _row_chart(rows, layers, "RMSE of the image pairs")
 
 
 def interval_chart(rows: Mapping[str, tuple[float, float, float]], *, title: str, x: str) -> Chart:

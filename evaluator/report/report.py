@@ -83,6 +83,8 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
     counts = document["counts"]["sequences"].values()
     width, height = document["dataset"]["image_size"]
     frames = FramePictures(dataset, (width, height))
+    own = document.get("own_protocol")
+    rules = own["document"] if own else read_protocol(document["protocol"]).document
     pictures = [(example, pair_svg(example, frames)) for example in scores.examples]
     return render_page(
         "report.html.j2",
@@ -105,13 +107,8 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         shown_causes={example.cause for example in scores.examples},
         pictures=pictures,
         definitions=frames.definitions(),
-        protocol_text=json.dumps(_rules(document), indent=1),
+        protocol_text=json.dumps(rules, indent=1),
     )
-
-
-def _rules(document: Mapping[str, Any]) -> Any:
-    own = document.get("own_protocol")
-    return own["document"] if own else read_protocol(document["protocol"]).document
 
 
 def _counted(document: Mapping[str, Any]) -> str:
@@ -179,7 +176,7 @@ def report_charts(document: Mapping[str, Any]) -> list[Chart]:
         series = {t: (c["error_px"], c["share_below"]) for t, c in cdf.items()}
         result.append(charts.cdf_chart(series))
     if boxes := of("pair_rmse_box_px"):
-        result.append(charts.box_chart(boxes, title="RMSE of the image pairs"))
+        result.append(charts.box_chart(boxes))
     if errors := of("error_px"):
         result.append(error_histogram(errors, title="L2 error of each query"))
     for name, title, quantity, counted in (

@@ -23,7 +23,7 @@ _KNOWN: Final = (INDEX, README, REPORTS)
 
 
 def write_site(
-    places: Sequence[Path], out: Path, *, title: str | None = None, hide_truth: bool = False
+    places: Sequence[Path], out: Path, *, title: str | None, hide_truth: bool
 ) -> dict[str, Scores]:
     """Write a site: `index.html` with the leaderboard, `reports/NAME/` with each report.
 

@@ -59,7 +59,7 @@ class PlacedAnswers:
 
 
 def place_answers(
-    values: Values, queries: Queries, problems: Problems, *, allow_missing: bool = False
+    values: Values, queries: Queries, problems: Problems, *, allow_missing: bool
 ) -> PlacedAnswers:
     """Put every row of a submission in its place.
 

@@ -139,7 +139,7 @@ def load_in_memory(
     method: str,
     problems: Problems,
     *,
-    allow_missing: bool = False,
+    allow_missing: bool,
 ) -> Loaded | None:
     """Check and read answers that are arrays.
 

@@ -21,7 +21,6 @@ class Problems(FileProblems):
 
     Args:
         path: The file, as the user named it.
-        listed: Number of problems of one code that are put in words.
 
     Attributes:
         causes: One issue for each rule that is broken: the first problem in words, the first
@@ -29,8 +28,8 @@ class Problems(FileProblems):
         hints: Sentences about what looks wrong in a submission that can be scored.
     """
 
-    def __init__(self, path: object, *, listed: int = LISTED_PER_CODE) -> None:
-        super().__init__(Findings(listed), str(path))
+    def __init__(self, path: object) -> None:
+        super().__init__(Findings(LISTED_PER_CODE), str(path))
         self.causes: list[Issue] = []
         self.hints: list[str] = []
 

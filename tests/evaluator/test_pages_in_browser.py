@@ -24,7 +24,7 @@ CHARTS = [
     charts.line_chart({"loss": ([0, 100], [5.0, np.nan])}, Labels('"Loss" & <b>', "step")),
     charts.cdf_chart({"a & <b>": ([1, 2, 4], [0.1, 0.5, 1.0]), "c": ([1, 4], [0.2, 0.9])}),
     charts.histogram_chart({"a": [0.2, 0.8]}, [0, 1, 2], Labels("t", "x", "y")),
-    charts.box_chart({"a": BOX, "b": BOX}, title="boxes"),
+    charts.box_chart({"a": BOX, "b": BOX}),
     charts.reliability_chart({"a": {"confidence": [0.5], "frequency": [0.4]}}, radius_px=8),
     charts.sparsification_chart(
         {"a": {"removed": [0, 0.5], "rmse_px": [4, 3], "best_rmse_px": [4, 1]}}

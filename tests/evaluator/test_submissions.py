@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from pliant.cli.main import run
 from pliant.evaluator import check, evaluate, inspect, read_scores
-from pliant.evaluator.submission.problems import Problems
+from pliant.evaluator.submission.problems import PLACES, Problems
 from pliant.spec.errors import SubmissionError
+from pliant.spec.validation.findings import LISTED_PER_CODE
 from tests.evaluator.figures import figure
 
 
@@ -124,9 +125,9 @@ def test_problems_never_describe_more_than_they_list() -> None:
         described.append(row)
         return "", str(row)
 
-    problems = Problems("f", listed=3)
+    problems = Problems("f")
     problems.add_rows("ROW_MISSING", np.ones(10**7, bool), describe)
-    assert len(described) <= 6
+    assert len(described) <= LISTED_PER_CODE + PLACES
     assert problems.total == 10**7
 
 
