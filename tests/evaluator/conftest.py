@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.evaluator import Scores, evaluate
+from pliant.evaluator import Scores, evaluate, write_report
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -122,6 +122,14 @@ class Scene:
         """Score answers of a method, by default the truth; `options` are those of `evaluate`."""
         path = self.submit(folder / f"{name}.parquet", table, method={"name": name})
         return evaluate(path, self.root, **options)
+
+    def reports(self, folder: Path, off_px: dict[str, float], **options: Any) -> Path:
+        """Write the reports of methods that answer so much to the right; return their folder."""
+        for name, off in off_px.items():
+            table = self.table(self.true_px + np.array([off, 0]))
+            scores = self.score(folder, table, name=name, **options)
+            write_report(scores, folder / "reports" / name, data=self.root)
+        return folder / "reports"
 
 
 def project(kind: str, pose: np.ndarray, material: np.ndarray) -> np.ndarray:

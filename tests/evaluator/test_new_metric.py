@@ -63,5 +63,3 @@ def test_an_example_metric_is_scored_with_intervals_and_a_label(scene: Any) -> N
 def test_a_wrong_setting_of_a_metric_names_the_family_and_the_setting() -> None:
     with pytest.raises(CallError, match=r"metrics\..*Huber.delta_px.*required: > 0"):
         parse_protocol(protocol_with({"delta_px": 0}))
-    with pytest.raises(CallError, match="no such family of metrics; found 'hubber'"):
-        parse_protocol(protocol_with({}).replace(f"{__name__}:Huber".encode(), b"hubber"))

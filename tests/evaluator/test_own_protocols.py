@@ -35,19 +35,11 @@ class Doubled(Metric):
 """
 
 
-def own_protocol(base: str = "paper", **changes: Any) -> dict[str, Any]:
-    """Return the content of a protocol that differs from a built-in one."""
-    document: dict[str, Any] = {**read_protocol(base).document, "name": "mine", **changes}
-    return document
-
-
-def close_and_far(scene: Any, folder: Path, **options: Any) -> Path:
-    """Write the reports of two methods; return their folder."""
-    for name, off in (("far", 9.0), ("near", 3.0)):
-        table = scene.table(scene.true_px + np.array([off, 0]))
-        scores = scene.score(folder, table, name=name, **options)
-        write_report(scores, folder / "reports" / name, data=scene.root)
-    return folder / "reports"
+def own_protocol(path: Path, base: str = "paper", **changes: Any) -> Path:
+    """Write a protocol that differs from a built-in one."""
+    document = {**read_protocol(base).document, "name": "mine", **changes}
+    path.write_text(json.dumps(document) if path.suffix == ".json" else yaml_text(document))
+    return path
 
 
 @pytest.mark.parametrize("name", ["mine.json", "mine.yaml"])
@@ -56,9 +48,8 @@ def test_evaluate_and_its_pages_take_a_protocol_file(
 ) -> None:
     metrics = {**read_protocol("standard").metrics}
     metrics["pck"] = {**metrics["pck"], "thresholds_px": [2.5, 8]}
-    document = own_protocol("standard", metrics=metrics, headline=["pck_2.5px", "rmse_px"])
-    path = tmp_path / name
-    path.write_text(json.dumps(document) if name.endswith("json") else yaml_text(document))
+    headline = ["pck_2.5px", "rmse_px"]
+    path = own_protocol(tmp_path / name, "standard", metrics=metrics, headline=headline)
     for method, off in (("far", 3.0), ("near", 2.0)):
         table = scene.table(scene.true_px + np.array([off, 0]))
         given = scene.submit(tmp_path / f"{method}.parquet", table, method={"name": method})
@@ -70,7 +61,7 @@ def test_evaluate_and_its_pages_take_a_protocol_file(
     path.unlink()
     scores = read_scores(tmp_path / "reports" / "near")
     assert scores.document["own_protocol"]["document"]["metrics"]["pck"] == metrics["pck"]
-    assert scores.document["headline"] == document["headline"]
+    assert scores.document["headline"] == headline
     page = render_report(scores)
     assert "share of answers within 2.5 px" in page
     assert '<th scope="col">PCK 8 px</th>' in page  # of slices
@@ -85,8 +76,7 @@ def test_evaluate_and_its_pages_take_a_protocol_file(
 
 
 def test_python_takes_a_protocol_file(scene: Any, tmp_path: Path) -> None:
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(own_protocol()))
+    path = own_protocol(tmp_path / "mine.json")
     table = scene.table(scene.true_px + 1.0)
     found = pliant.evaluate(scene.root, table, scene.split, protocol=path)
     assert found.document == scene.score(tmp_path, table, protocol=path).document | {
@@ -97,10 +87,9 @@ def test_python_takes_a_protocol_file(scene: Any, tmp_path: Path) -> None:
 
 
 def test_a_protocol_with_a_built_in_name_has_its_own_headings(scene: Any, tmp_path: Path) -> None:
-    path = tmp_path / "paper.json"
     metrics = {"pck": {**read_protocol("standard").metrics["pck"], "thresholds_px": [7]}}
-    document = own_protocol(name="paper", headline=["pck_7px"], metrics=metrics)
-    path.write_text(json.dumps(document))
+    changes: dict[str, Any] = {"name": "paper", "headline": ["pck_7px"], "metrics": metrics}
+    path = own_protocol(tmp_path / "paper.json", **changes)
     page = render_report(scene.score(tmp_path, protocol=path))
     assert "share of answers within 7 px" in page
 
@@ -110,12 +99,11 @@ def test_shown_scores_import_nothing_that_they_name(
 ) -> None:
     (tmp_path / "strange").mkdir()
     (tmp_path / "strange" / "doubled.py").write_text(_DOUBLED)
-    path = tmp_path / "mine.json"
-    document = own_protocol(metrics={"doubled:Doubled": {}}, headline=["doubled_px"])
-    path.write_text(json.dumps(document))
+    changes: dict[str, Any] = {"metrics": {"doubled:Doubled": {}}, "headline": ["doubled_px"]}
+    path = own_protocol(tmp_path / "mine.json", **changes)
     with monkeypatch.context() as patch:
         patch.syspath_prepend(str(tmp_path / "strange"))
-        reports = close_and_far(scene, tmp_path, protocol=path)
+        reports = scene.reports(tmp_path, {"far": 9.0, "near": 3.0}, protocol=path)
         assert sys.modules.pop("doubled")
     folders = [str(reports / name) for name in ("far", "near")]
     assert run(["compare", *folders]) == 0
@@ -127,8 +115,7 @@ def test_shown_scores_import_nothing_that_they_name(
 
 
 def test_scores_do_not_name_a_file_to_read(scene: Any, tmp_path: Path) -> None:
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(own_protocol()))
+    path = own_protocol(tmp_path / "mine.json")
     scores = scene.score(tmp_path, protocol="paper")
     scores.document["protocol"] = str(path)
     for show in (render_report, lambda each: render_leaderboard([each, each])):
@@ -140,6 +127,7 @@ def test_scores_do_not_name_a_file_to_read(scene: Any, tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"headline": ["rmse"]}, "mine.json, headline: .* does not compute; found rmse; required"),
+        ({"metrics": {"hubber": {}}}, "no such family of metrics; found 'hubber'"),
         ({"metrics": {"pathlib:Path": {}}}, "no such family of metrics; found 'pathlib:Path'"),
         ({"metrics": {":Pck": {}}}, "no such family of metrics; found ':Pck'"),
         ({"metrics": {".pck:Pck": {}}}, "no such family of metrics; found '.pck:Pck'"),
@@ -151,8 +139,7 @@ def test_scores_do_not_name_a_file_to_read(scene: Any, tmp_path: Path) -> None:
 def test_a_protocol_file_with_a_fault_is_refused(
     change: dict[str, Any], message: str, scene: Any, tmp_path: Path
 ) -> None:
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(own_protocol(**change)))
+    path = own_protocol(tmp_path / "mine.json", **change)
     with pytest.raises(CallError, match=message):
         scene.score(tmp_path, protocol=path)
 
@@ -181,8 +168,7 @@ def test_a_file_that_is_no_protocol_is_a_wrong_call(
 
 
 def test_the_schema_refuses_figures_that_pages_cannot_show(scene: Any, tmp_path: Path) -> None:
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(own_protocol()))
+    path = own_protocol(tmp_path / "mine.json")
     write_report(scene.score(tmp_path, protocol=path), tmp_path / "report")
     written = tmp_path / "report" / SCORES_JSON
     document = json.loads(written.read_text())

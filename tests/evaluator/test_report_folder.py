@@ -11,22 +11,20 @@ from typing import Any
 
 import pytest
 
-from pliant.evaluator import read_scores, write_report
+from pliant.evaluator import read_scores
 from pliant.spec.errors import SubmissionError
 
 
 def test_files_of_two_reports_are_refused(scene: Any, tmp_path: Path) -> None:
-    for name, off in (("a", 3), ("b", 5)):
-        scores = scene.score(tmp_path, scene.table(scene.true_px + off), protocol="paper")
-        write_report(scores, tmp_path / name)
+    reports = scene.reports(tmp_path, {"a": 3.0, "b": 5.0}, protocol="paper")
     for mixed in ("per_pair.parquet", "report.html"):
         folder = tmp_path / mixed
-        shutil.copytree(tmp_path / "a", folder)
-        shutil.copyfile(tmp_path / "b" / mixed, folder / mixed)
+        shutil.copytree(reports / "a", folder)
+        shutil.copyfile(reports / "b" / mixed, folder / mixed)
         with pytest.raises(SubmissionError, match=r"not the one that its scores\.json lists"):
             read_scores(folder)
-    (tmp_path / "a" / "report.html").unlink()  # the page alone may go
-    assert read_scores(tmp_path / "a").method == "test"
+    (reports / "a" / "report.html").unlink()  # the page alone may go
+    assert read_scores(reports / "a").method == "a"
 
 
 TERMINATED = """

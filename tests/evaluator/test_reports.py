@@ -253,18 +253,15 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     scene_maker: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = scene_maker(tmp_path / "data", sequences=2, images=False)
-    for name, off in (("far", 9.0), ("near", 3.0), ("middle", 6.0)):
-        table = scene.table(scene.true_px + np.array([off, 0]))
-        write_report(scene.score(tmp_path, table, name=name), tmp_path / "reports" / name)
-    metrics = ["--metric", "rmse_px", "--metric", "pck_8px"]
-    assert run(["compare", str(tmp_path / "reports"), *metrics]) == 0
+    reports = str(scene.reports(tmp_path, {"far": 9.0, "near": 3.0, "middle": 6.0}))
+    assert run(["compare", reports, "--metric", "rmse_px", "--metric", "pck_8px"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "RMSE (px), overall, best first: near 3.00, middle 6.00, far 9.00"
     assert lines[3] == "PCK 8 px, overall, best first: middle 1.000, near 1.000, far 0.000"
     assert lines[6].startswith("No verdict on 18 differences: 4 sequences, and at least 6 are ")
     assert len(lines) == 7
     metrics = ["--metric", "flip_rate", "--metric", "outside_image_rate"]
-    assert run(["compare", str(tmp_path / "reports"), *metrics]) == 0
+    assert run(["compare", reports, *metrics]) == 0
     lines = capsys.readouterr().out.splitlines()
     # Only the cloth has symmetries.
     assert lines[1].startswith("Flip rate of pairs, cloth, best first: ")
@@ -274,13 +271,11 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
 def test_compare_names_the_metrics_that_methods_have_no_value_of(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folders = [str(tmp_path / name) for name in ("far", "near")]
-    for folder, off in zip(folders, (9.0, 3.0), strict=True):
-        write_report(scene.score(tmp_path, scene.table(scene.true_px + off)), folder)
-    assert run(["compare", *folders, *["--metric", "nll"] * 2, "--metric", "jitter_px"]) == 0
+    reports = str(scene.reports(tmp_path, {"far": 9.0, "near": 3.0}))
+    assert run(["compare", reports, *["--metric", "nll"] * 2, "--metric", "jitter_px"]) == 0
     line = "Not compared, because fewer than two methods have a value: NLL; Jitter.\n"
     assert capsys.readouterr().out == line
-    assert run(["compare", *folders]) == 0
+    assert run(["compare", reports]) == 0
     assert "Not compared" not in capsys.readouterr().out
 
 
@@ -295,17 +290,14 @@ def test_a_metric_without_a_better_direction_has_no_verdict(
 def test_a_headline_without_averages_is_listed_and_not_tested(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, off in (("far", 9.0), ("near", 3.0)):
-        table = scene.table(scene.true_px + np.array([off, 0]))
-        scores = scene.score(tmp_path, table, name=name, protocol="auc")
-        write_report(scores, tmp_path / "reports" / name)
+    reports = str(scene.reports(tmp_path, {"far": 9.0, "near": 3.0}, protocol="auc"))
     board = tmp_path / "board.html"
-    assert run(["leaderboard", str(tmp_path / "reports"), "--out", str(board)]) == 0
+    assert run(["leaderboard", reports, "--out", str(board)]) == 0
     text = board.read_text()
     assert re.findall(r'<th scope="row" data-key="(\w+)"', text) == ["near", "far"]
     assert "AUC 3 px is not an average" in text
     capsys.readouterr()
-    assert run(["compare", str(tmp_path / "reports")]) == 0
+    assert run(["compare", reports]) == 0
     assert capsys.readouterr().out.startswith("PCK 1 px, overall, ")
 
 

@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Phase, Scoring
 from pliant.service.submissions import Upload, accept
 from pliant.service.teams import Identity, identify, invite
+from pliant.service.versions import add_missing_versions
 from pliant.service.worker import Scorer, Worker
 from pliant.spec.dataset import Dataset
 
@@ -149,6 +150,16 @@ class Trial:
         with self.challenge.database.write() as session:
             who = self.who(self.tokens[team])
             return accept(session, self.challenge, self.phase, who, upload)[0].id
+
+    def with_rules(self, old: str, new: str) -> Trial:
+        """Change the rules, and start the service again in two processes at once."""
+        path = self.challenge.root / "challenge.yaml"
+        path.write_text(path.read_text().replace(old, new))
+        challenge = Challenge.open(self.challenge.root)
+        for _ in range(2):  # one of them adds what is new
+            with challenge.database.write() as session:
+                add_missing_versions(session, challenge)
+        return replace(self, challenge=challenge)
 
     def wait_until_idle(self, seconds: float) -> None:
         """Wait for workers in other processes or threads until no job is left."""

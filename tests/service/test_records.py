@@ -607,16 +607,10 @@ def test_the_database_of_a_newer_version_is_not_upgraded(
 
 
 def test_a_protocol_that_is_added_scores_what_was_scored_before(make_trial: MakeTrial) -> None:
-    trial = scored(make_trial())
-    path = trial.challenge.root / "challenge.yaml"
-    path.write_text(path.read_text().replace("- standard", "- paper\n  - standard"))
-    challenge = Challenge.open(trial.challenge.root)
-    for _ in range(2):  # of two processes, one adds it
-        with challenge.database.write() as session:
-            add_missing_versions(session, challenge)
-    assert [each[1] for each in rows(challenge)["version"]] == ["test", "test"]
-    Trial(challenge, None, trial.host, trial.tokens).work()
-    with TestClient(make_app(challenge)) as client:
+    trial = scored(make_trial()).with_rules("- standard", "- paper\n  - standard")
+    assert [each[1] for each in rows(trial.challenge)["version"]] == ["test", "test"]
+    trial.work()
+    with TestClient(make_app(trial.challenge)) as client:
         page = client.get("/").text
         assert "protocol <strong>paper</strong>" in page
         assert "2 teams" in page
@@ -640,19 +634,12 @@ def test_a_protocol_file_that_is_changed_scores_again_and_stays_the_first(
             return str(client.get("/api/v1/leaderboard").json()["protocol"])
 
     assert shown(trial.challenge) == f"mine {document['version']}"
-    root = trial.challenge.root
-    (root / "mine.json").write_text(json.dumps(document | {"version": "9.9"}))
-    path = root / "challenge.yaml"
-    first = trial.challenge.settings.phases[0].protocols[0]
-    path.write_text(path.read_text().replace(first, "mine.json"))
-    challenge = Challenge.open(root)
-    for _ in range(2):
-        with challenge.database.write() as session:
-            add_missing_versions(session, challenge)
-    Trial(challenge, None, trial.host, trial.tokens).work()
-    assert shown(challenge) == "mine 9.9"
-    assert len(rows(challenge)["version"]) == 3
-    assert len(rows(challenge)["score"]) == 6
+    (trial.challenge.root / "mine.json").write_text(json.dumps(document | {"version": "9.9"}))
+    trial = trial.with_rules(trial.challenge.settings.phases[0].protocols[0], "mine.json")
+    trial.work()
+    assert shown(trial.challenge) == "mine 9.9"
+    assert len(rows(trial.challenge)["version"]) == 3
+    assert len(rows(trial.challenge)["score"]) == 6
 
 
 def test_a_phase_that_is_added_is_scored_by_the_corrected_answers(
@@ -661,12 +648,8 @@ def test_a_phase_that_is_added_is_scored_by_the_corrected_answers(
     trial = make_trial("phases:\n- {name: test, split: test}\n- {name: open, split: val}\n")
     corrected_half = corrected(service_halves.private, tmp_path)
     rescore_challenge(trial.challenge, "test", None, corrected_half, "corrected")
-    path = trial.challenge.root / "challenge.yaml"
-    path.write_text(path.read_text().replace("max_file", "- {name: final, split: test}\nmax_file"))
-    challenge = Challenge.open(trial.challenge.root)
-    with challenge.database.write() as session:
-        add_missing_versions(session, challenge)
-    found = [(each[1], each[5]) for each in rows(challenge)["version"]]
+    trial = trial.with_rules("max_file", "- {name: final, split: test}\nmax_file")
+    found = [(each[1], each[5]) for each in rows(trial.challenge)["version"]]
     assert found == [("test", "1"), ("open", "1"), ("test", "2"), ("final", "2")]
 
 
