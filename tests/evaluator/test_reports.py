@@ -280,11 +280,16 @@ def test_compare_names_the_metrics_that_methods_have_no_value_of(
 
 
 def test_a_metric_without_a_better_direction_has_no_verdict(
-    reports: Path, capsys: pytest.CaptureFixture[str]
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folders = [str(reports / name) for name in ("near", "far")]
-    assert run(["compare", *folders, "--metric", "outside_image_rate"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].endswith("] (16 sequences)")
+    reports = str(scene.reports(tmp_path, {"far": 300.0, "near": 3.0}))
+    call = ["compare", reports, "--metric", "outside_image_rate"]
+    assert run(call) == 0
+    assert capsys.readouterr().out.splitlines()[1].endswith("] (6 sequences)")
+    assert run([*call, "--json"]) == 0
+    (whole, *_) = json.loads(capsys.readouterr().out)["differences"]
+    assert (whole["group"], whole["verdict"]) == ("overall", "no clear difference")
+    assert whole["high"] < 0
 
 
 def test_a_headline_without_averages_is_listed_and_not_tested(
