@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from tests.browser import Browser
 
+Called = Callable[..., tuple[int, str, str]]
 Refused = Callable[..., str]
 # One thread a process: the suite runs beside itself (pytest -n), and results must not depend
 # on how many threads a library takes.
@@ -152,13 +153,26 @@ def child_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+def called(capsys: pytest.CaptureFixture[str]) -> Called:
+    """Call `pliant` in this process; return its exit code, its output and its messages."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def refused(called: Called) -> Refused:
     """Call `pliant` in this process: exit code that it must have, arguments -> what it says."""
 
     def call(code: int, *arguments: object) -> str:
-        capsys.readouterr()
-        assert run([str(each) for each in arguments]) == code
-        return capsys.readouterr().err
+        found, _, said = called(*arguments)
+        assert found == code
+        return said
 
     return call
 
@@ -203,18 +217,3 @@ def _made_once(name: str, tmp_path_factory: pytest.TempPathFactory, **changes: A
         summary = generate(config, out, engine=InProcess() if config.style == "raster" else "local")
     assert not summary.failed, summary.failed[0].error
     return out
-
-
-Called = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def called(capsys: pytest.CaptureFixture[str]) -> Called:
-    """Call `pliant` in this process; return its exit code, its output and its messages."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        code = run([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call

@@ -212,18 +212,14 @@ def test_an_impossible_argument_is_named(
         call(*bodies)
 
 
-def test_one_picture_is_a_dataset_and_no_episode(tmp_path: Path) -> None:
-    film = scene.Film(scene.Rope(LINE), scene.camera((0, 0, 1), size=SIZE))
-    film.shoot()
-    assert not pliant.load(film.write(tmp_path / "one"))[0].temporal
-    assert pliant.validate(tmp_path / "one").total == 0
-
-
-def test_a_film_states_no_settings_of_random_scenes(tmp_path: Path) -> None:
+def test_one_picture_is_a_dataset_without_an_episode_or_random_scenes(tmp_path: Path) -> None:
     film = scene.Film(scene.Rope(LINE), scene.camera((0, 0, 1), size=SIZE))
     film.shoot()
     out = film.write(tmp_path / "one")
-    config = pliant.load(out).info["provenance"]["config"]
+    dataset = pliant.load(out)
+    assert not dataset[0].temporal
+    assert pliant.validate(out).total == 0
+    config = dataset.info["provenance"]["config"]
     assert config.keys() == {"made_with", "rope", "queries", "style"}
     with pytest.raises(CallError, match="something else"):  # nothing is mixed into the film
         RunFolder(out).check()
