@@ -93,6 +93,16 @@ def test_a_file_of_another_kind_or_split_is_refused_when_it_is_checked_and_when_
             assert issue == {**expected, "severity": "error", "path": "given.parquet"}
 
 
+def test_a_sound_file_that_is_only_checked_gets_the_name_of_its_method(
+    make_trial: MakeTrial, service_halves: Halves
+) -> None:
+    trial = make_trial()
+    number = trial.send(service_halves.submissions[0].read_bytes(), check_only=True)
+    trial.work(lambda task, limits: score(task))
+    found = state_of(trial, number)
+    assert (found.state, found.method) == (State.CHECKED, "identity")
+
+
 def test_a_refusal_has_no_path_of_this_machine(
     make_trial: MakeTrial, service_halves: Halves, tmp_path: Path
 ) -> None:

@@ -123,6 +123,7 @@ def test_changes_outside_the_service_are_found(
 def test_receipts(make_trial: MakeTrial, tmp_path: Path) -> None:
     trial = scored(make_trial())
     receipt = trial.values(select(Score.receipt))[0]
+    assert receipt["figures"] == trial.values(select(Score.figures))[0]
     key = read_public_key(trial.challenge.public_key)
     verify_receipt(json.loads(json.dumps(receipt)), key)
     for name in receipt:
