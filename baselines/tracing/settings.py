@@ -85,7 +85,7 @@ class TracingSettings:
         slant_residual_px: Widths scatter by this at least (geometry: pixels).
         slant_fill: Share of the frame that a rectified rope fills at most (unrecorded).
         bend_weight: Of a trace's bend, rad², against its coverage (compared: 0 to 0.1 on ropes and
-            cables; 0.003 and 0.01 are best).
+            cables; 0.01 is best, 0.03 misreads thin ropes with knots).
         retraced_weight: Of its retraced share, likewise (fitted, with the next, to 700 pairs of
             rendered ropes: log odds that both traces of a pair are right).
         coverage_weight: Of both scores against the logarithm of the lengths' ratio.
@@ -194,7 +194,7 @@ class TracingSettings:
     slant_widths: tuple[float, float] = (0.6, 1.35)
     slant_residual_px: float = 0.6
     slant_fill: float = 0.86
-    bend_weight: float = 0.003
+    bend_weight: float = 0.01
     retraced_weight: float = 0.04
     coverage_weight: float = 30.0
     strands_most: int = 16

@@ -10,7 +10,7 @@ with x_k where pair k of traces carries the query. The answer is the median of p
 mean of the places x_k near it: they are finer than the network's pixels. The weights w_k are the
 softmax of
 
-    30 (c + c') - 0.09 (b + b') - 1.2 (r + r') - |log(l / l')| - 0.7 mean_s min(d_s, 8),
+    30 (c + c') - 0.3 (b + b') - 1.2 (r + r') - |log(l / l')| - 0.7 mean_s min(d_s, 8),
 
 with c, b, r and l the coverage, bend, retraced share and length of either trace and d_s the scaled
 squared distance of their descriptors at station s: the log odds, fitted to rendered ropes, that
