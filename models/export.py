@@ -10,7 +10,6 @@ from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
 from pliant.models import CARD, load_matcher
-from pliant.models.don.ball import BALL
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
@@ -25,6 +24,7 @@ from pliant.models.training.checkpoint import (
     save_weights,
 )
 from pliant.models.training.run_folder import (
+    BALL,
     CALIBRATION,
     CONFIG,
     RUN_FACTS,

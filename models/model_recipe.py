@@ -17,7 +17,6 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import model_validator
 
-from pliant.models.don.ball import BALL
 from pliant.models.don.ball_training import PICTURES, fit_ball
 from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
@@ -36,6 +35,7 @@ from pliant.models.training.checkpoint import (
 from pliant.models.training.loop import StepProgress
 from pliant.models.training.processes import joined_processes
 from pliant.models.training.run_folder import (
+    BALL,
     CONFIG,
     RUN_FACTS,
     check_same_settings,

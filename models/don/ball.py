@@ -24,9 +24,6 @@ from pliant.models.networks.patches import judging_layers, normalised, patches
 from pliant.spec.arrays import Float32Array, FloatArray, IntArray, Mask, RealArray
 from pliant.spec.ball import thick_places
 
-BALL: Final = "ball.safetensors"
-"""The weights of a run's `BallNetwork`."""
-
 REACH: Final = 8.0
 """Half the side of a patch, in half widths of the rope."""
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from torch import nn
 
-from pliant.models.don.ball import BALL, BallNetwork
+from pliant.models.don.ball import BallNetwork
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.crossings import CROSSINGS, CrossingNetwork
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity
@@ -22,7 +22,7 @@ from pliant.models.training.checkpoint import (
     put_weights,
     read_weights_file,
 )
-from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
+from pliant.models.training.run_folder import BALL, CALIBRATION, CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
 

@@ -35,6 +35,7 @@ from pliant.spec.io.yamlfiles import yaml_text
 CONFIG: Final = "config.yaml"
 RUN_FACTS: Final = "run.json"
 CALIBRATION: Final = "calibration.json"
+BALL: Final = "ball.safetensors"
 TENSORBOARD: Final = "tensorboard"
 LOCK: Final = ".lock"
 

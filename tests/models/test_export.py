@@ -17,7 +17,7 @@ from pliant.baselines.predict import predict
 from pliant.evaluator import evaluate, write_report
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, shipped
-from pliant.models.don.ball import BALL, BallNetwork
+from pliant.models.don.ball import BallNetwork
 from pliant.models.don.loading import load_matcher as load_don
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
@@ -27,7 +27,7 @@ from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.training.checkpoint import save_weights
-from pliant.models.training.run_folder import data_digest, write_settings
+from pliant.models.training.run_folder import BALL, data_digest, write_settings
 from pliant.publishing import PublishSettings, publish
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset

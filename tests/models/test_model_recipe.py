@@ -14,7 +14,7 @@ import torch
 
 from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, model_recipe
-from pliant.models.don.ball import BALL, BallNetwork
+from pliant.models.don.ball import BallNetwork
 from pliant.models.don.settings import DonSettings
 from pliant.models.model_recipe import (
     RECIPES,
@@ -26,7 +26,7 @@ from pliant.models.model_recipe import (
 )
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
 from pliant.models.shipped import FOLDER
-from pliant.models.training.run_folder import write_settings
+from pliant.models.training.run_folder import BALL, write_settings
 from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, TrainingError

@@ -12,7 +12,6 @@ from scipy import ndimage
 from pliant.baselines.conditions import noise_of
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don import described
-from pliant.models.don.ball import BALL as BALL_FILE
 from pliant.models.don.ball import BallNetwork, ball_in
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
@@ -22,6 +21,7 @@ from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.networks.mask_network import MaskNetwork
 from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
+from pliant.models.training.run_folder import BALL as BALL_FILE
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame, Pair
