@@ -14,13 +14,16 @@ from pliant.spec.cores import cpu_cores
 from pliant.spec.extras import require_packages
 
 _SETS = ("rope", "cloth")
+_COUNT = click.IntRange(min=1)
 _PACKAGES = ("cv2", "mahotas", "torch", "safetensors", "alembic", "cryptography", "fastapi")
 
 
 @click.command("demo")
 @out_option("DIR", "Output folder.")
-@click.option("--sequences", default=4, show_default=True, help="Sequences per tier.")
-@click.option("--frames", default=3, show_default=True, help="Configurations per sequence.")
+@click.option("--sequences", type=_COUNT, default=4, show_default=True, help="Sequences per tier.")
+@click.option(
+    "--frames", type=_COUNT, default=3, show_default=True, help="Configurations per sequence."
+)
 @click.option("--size", default="640x480", show_default=True, metavar="WxH", help="Image size.")
 @click.option("--seed", default=0, show_default=True, help="Random seed.")
 @click.option("--workers", type=int, help="Worker processes.  [default: one per core]")
@@ -56,6 +59,8 @@ def command(
     from pliant.benchmarks.suite.work import Workspace
     from pliant.cli.benchmark import run_with_progress
 
+    if sequences * frames < 2:
+        raise click.UsageError("a pair takes two pictures: --sequences or --frames of 2 or more")
     started = time.monotonic()
     width, height = image_size(size)
     settings = {

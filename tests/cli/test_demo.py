@@ -40,6 +40,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_one_picture_is_no_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "demo"
+    assert run(["demo", "--out", str(out), "--sequences", "1", "--frames", "1"]) == 2
+    assert "a pair takes two pictures" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_with_few_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every stage of the demo, from the sets to the page and the challenge."""
     read = config.read_config
