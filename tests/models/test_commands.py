@@ -122,7 +122,7 @@ def test_the_target_narrows_over_the_first_half() -> None:
 
 
 def test_a_cloth_is_trained_with_another_recipe_than_a_rope(tiny_dataset: Path) -> None:
-    """A rope may be turned any way; a blank cloth must lie as it lay, or no corner is told."""
+    """Ropes turn by any angle, a blank cloth by less than 45 degrees: its corners look alike."""
     dataset = Dataset.open(tiny_dataset)
     rope = read_settings(DonSettings, shipped_recipe(dataset, "rope"))
     cloth = read_settings(DonSettings, shipped_recipe(dataset, "cloth-1"))

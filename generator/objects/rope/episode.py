@@ -42,7 +42,7 @@ class Action:
         end_m: float64 (2,), where it is let go.
         side_m: float64 (2,), the largest sideways bow of the path.
         lift_m: Height of the carry above the picking height.
-        duration_s: Time of lift and carry if nothing holds the rope back.
+        duration_s: Time of lift and carry, seconds, if the hand moves freely.
         wait_s: Time after letting go.
         progress: 0..1 along the path; above 1 the wait.
         waited_s: Time since letting go.
