@@ -13,7 +13,7 @@ from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import BallNetwork
 from pliant.models.don.mask_repair import is_surely_unchanged, repaired
 from pliant.models.don.one_rope import resized
-from pliant.models.don.segmentation import cloth_mask, denoised, more_certain, rope_masks
+from pliant.models.don.segmentation import cloth_mask, cloth_probability, denoised, rope_masks
 from pliant.models.don.table import on_plain_table
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
@@ -160,7 +160,7 @@ class ViewDescriber:
             cloth = self._foreground(view)[0]
         else:
             found = self.masks.found(rgb, CLOTH_SIDE)[0]
-            cloth = more_certain(found, lambda: self._foreground(view)[0])
+            cloth = cloth_probability(found, lambda: self._foreground(view)[0])
         mask = cloth_mask(rgb, cloth)
         return None if mask is None else (mask, None)
 

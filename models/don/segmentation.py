@@ -16,10 +16,11 @@ from typing import Final
 
 import cv2
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, special
 
 from pliant.baselines.conditions import noise_of
 from pliant.models.don.ball import BallNetwork, ball_in
+from pliant.models.don.one_cloth import of_one_cloth
 from pliant.models.don.one_rope import of_one_rope, resized, smaller
 from pliant.models.don.table import log_ratio_to_table
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
@@ -28,7 +29,8 @@ from pliant.spec.io.resizing import with_longer_side
 
 _WORKING_SIDE: Final = 320
 _SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
-_DECIDED: Final = 0.9
+_DECIDED: Final = 0.9  # certainty
+_NEVER: Final = 0.001  # least probability
 _LEAST_ROPE: Final = 0.2
 _MARGIN_PX: Final = 4
 _DARKEST: Final = -2.5
@@ -79,7 +81,7 @@ def picture_as(mask: Mask, rgb: Rgb) -> Float32Array:
 
 
 def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
-    """Return where a cloth is seen, bool (H, W), or None where nothing stands out from the table.
+    """Return where one cloth is seen, bool (H, W), or None where nothing stands out from the table.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
@@ -88,20 +90,29 @@ def cloth_mask(rgb: Rgb, cloth: Float32Array) -> Mask | None:
     seen = shown(rgb, cloth, _LEAST_PART)
     if seen is None:
         return None
-    return resized(np.asarray(ndimage.binary_fill_holes(seen)), rgb.shape[:2])
+    seen = np.asarray(ndimage.binary_fill_holes(seen))
+    return resized(of_one_cloth(smaller(rgb, seen.shape), seen), rgb.shape[:2])
 
 
-def more_certain(cloth: Float32Array, other: Callable[[], Float32Array]) -> Float32Array:
-    """Return the mask probabilities of the more certain of two networks.
+def cloth_probability(masks: Float32Array, descriptors: Callable[[], Float32Array]) -> Float32Array:
+    """Return the mask probabilities of a network for masks; where it is not certain, of two.
+
+    Prints and tables unlike those of its training make it uncertain. The descriptor network has
+    other errors there, so the mean of their log odds is better than either.
 
     Args:
-        cloth: float32 (h, w), that a pixel shows the cloth, of a network for masks. It is not sure
-            of prints and tables unlike those of its training.
-        other: Computes those of another network, float32 (h', w'), where it is needed.
+        masks: float32 (h, w), of the network for masks, that a pixel shows the cloth.
+        descriptors: Computes those of the descriptor network, float32 (h', w'), where needed.
     """
-    if _certainty(cloth) > _DECIDED:
-        return cloth
-    return max(cloth, other(), key=_certainty)
+    certainty = _certainty(masks)
+    if certainty > _DECIDED:
+        return masks
+    coarse = descriptors()
+    if certainty == 0.0:  # it finds nothing
+        return coarse
+    finer = cv2.resize(coarse, masks.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    both = np.stack([masks, finer]).clip(_NEVER, 1 - _NEVER)
+    return np.asarray(special.expit(special.logit(both).mean(axis=0)), dtype=np.float32)
 
 
 def _certainty(likely: Float32Array) -> float:
