@@ -73,7 +73,9 @@ def _is_convex(part: Mask) -> bool:
 def _without(mask: Mask, part: Mask) -> Mask:
     """Return a mask without a part, if that is another cloth."""
     remaining = mask & ~_dilated(part, _EDGE_PX)
-    pieces, _ = ndimage.label(remaining)
+    pieces, count = ndimage.label(remaining)
+    if count == 0:  # the rest is a thin border
+        return mask
     rest = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
     if rest.sum() < _WHOLE * remaining.sum():
         return mask

@@ -90,6 +90,14 @@ def test_a_cloth_in_two_pieces_keeps_both() -> None:
     np.testing.assert_array_equal(of_one_cloth(rgb, cloth & ~stripe), cloth & ~stripe)
 
 
+def test_a_cloth_of_a_few_pixels_with_a_border_stays_whole() -> None:
+    distance = np.hypot(*(np.mgrid[: SHAPE[0], : SHAPE[1]] - 100))
+    rgb = np.full((*SHAPE, 3), 120, dtype=np.uint8)
+    rgb[distance <= 5.5] = (40, 150, 70)
+    rgb[distance <= 3.5] = (200, 60, 40)
+    np.testing.assert_array_equal(of_one_cloth(rgb, distance <= 5.5), distance <= 5.5)
+
+
 def test_a_neighbour_in_the_same_colour_cannot_be_told_apart() -> None:
     both = drawn(CLOTH) | drawn(BESIDE)
     np.testing.assert_array_equal(of_one_cloth(picture((both, (40, 150, 70))), both), both)
