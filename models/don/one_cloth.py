@@ -72,7 +72,8 @@ def _is_convex(part: Mask) -> bool:
 
 def _without(mask: Mask, part: Mask) -> Mask:
     """Return a mask without a part, if that is another cloth."""
-    remaining = mask & ~_dilated(part, _EDGE_PX)
+    near = _dilated(part, _EDGE_PX)
+    remaining = mask & ~near
     pieces, count = ndimage.label(remaining)
     if count == 0:  # the rest is a thin border
         return mask
@@ -81,7 +82,7 @@ def _without(mask: Mask, part: Mask) -> Mask:
         return mask
     outline = mask & ~ndimage.binary_erosion(mask)
     border = part & ~ndimage.binary_erosion(part)
-    free = (outline & _dilated(part, _EDGE_PX)).sum() / border.sum()
+    free = (outline & near).sum() / border.sum()
     corners = outline & _dilated(part, _EDGE_PX + 1) & _dilated(rest, _EDGE_PX)
     if free < _FREE or not corners.any() or _filled(mask)[corners].mean() < _CONCAVE:
         return mask
