@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -107,6 +107,44 @@ def read_coco(path: Path, document: Any) -> Annotations:
     """
     coco = _parsed(_Coco, document, path)
     marks = Collector(path)
+    pictures = _coco_pictures(coco, path, marks)
+    labelled = {k: each for k, each in enumerate(coco.annotations) if each.keypoints}
+    if not labelled:
+        raise SpecError(
+            "the annotations have no keypoints",
+            path=path,
+            required="annotations with keypoints [x, y, v, …]",
+            fix="Export the project as COCO keypoints; boxes and polygons name no points.",
+        )
+    categories = _coco_categories(coco, path)
+    several = len({each.category_id for each in labelled.values()}) > 1
+    for index, annotation in labelled.items():
+        where = f"annotations[{index}]"
+        if annotation.image_id not in pictures:
+            raise SpecError(
+                "an annotation is of no picture of the file",
+                path=path,
+                where=f"{where}.image_id",
+                found=f"{annotation.image_id!r:.60}",
+                required="the id of one of its images",
+            )
+        if categories and annotation.category_id not in {None, *categories}:
+            raise SpecError(
+                "an annotation is of no category of the file",
+                path=path,
+                where=f"{where}.category_id",
+                found=f"{annotation.category_id!r:.60}",
+                required="the id of one of its categories",
+            )
+        category = categories.get(annotation.category_id, _Category())
+        prefix = f"{category.name}/" if several else ""
+        for name, mark in _coco_marks(annotation, category, path, where):
+            marks.add(pictures[annotation.image_id], f"{prefix}{name}", mark, where)
+    return marks.annotations()
+
+
+def _coco_pictures(coco: _Coco, path: Path, marks: Collector) -> dict[_Id, Path]:
+    """Add the pictures to those that are marked, and return them by id."""
     pictures: dict[_Id, Path] = {}
     described: dict[Path, str] = {}
     for index, image in enumerate(coco.images):
@@ -134,14 +172,11 @@ def read_coco(path: Path, document: Any) -> Annotations:
         pictures[image.id], described[picture] = picture, where
         marks.add_picture(picture)
         _check_size(picture, image.width, image.height, path, where)
-    labelled = {k: each for k, each in enumerate(coco.annotations) if each.keypoints}
-    if not labelled:
-        raise SpecError(
-            "the annotations have no keypoints",
-            path=path,
-            required="annotations with keypoints [x, y, v, …]",
-            fix="Export the project as COCO keypoints; boxes and polygons name no points.",
-        )
+    return pictures
+
+
+def _coco_categories(coco: _Coco, path: Path) -> dict[_Id, _Category]:
+    """Return the categories by id."""
     categories: dict[_Id, _Category] = {}
     for index, category in enumerate(coco.categories):
         if (first := categories.setdefault(category.id, category)) is not category:
@@ -152,59 +187,43 @@ def read_coco(path: Path, document: Any) -> Annotations:
                 found=f"{category.id!r:.60}, of {first.name} and {category.name}",
                 required="another id for each category",
             )
-    several = len({each.category_id for each in labelled.values()}) > 1
-    for index, annotation in labelled.items():
-        where = f"annotations[{index}]"
-        if annotation.image_id not in pictures:
+    return categories
+
+
+def _coco_marks(
+    annotation: _Annotation, category: _Category, path: Path, where: str
+) -> Iterator[tuple[str, Mark]]:
+    """Yield the names and marks of an annotation's labelled keypoints."""
+    values = annotation.keypoints or []
+    if len(values) % 3:
+        raise SpecError(
+            "keypoints are not triples x, y, v",
+            path=path,
+            where=f"{where}.keypoints",
+            found=f"{len(values)} numbers",
+            required="three numbers for each keypoint",
+        )
+    names = category.keypoints or [str(k) for k in range(len(values) // 3)]
+    if len(names) != len(values) // 3:
+        raise SpecError(
+            "the keypoints are not those of the category",
+            path=path,
+            where=where,
+            found=f"{len(values) // 3} keypoints",
+            required=f"{len(names)}, as the category names them",
+        )
+    for number, name in enumerate(names):
+        u, v, state = values[3 * number : 3 * number + 3]
+        if state not in (0, 1, 2):
             raise SpecError(
-                "an annotation is of no picture of the file",
+                "invalid visibility flag of a keypoint",
                 path=path,
-                where=f"{where}.image_id",
-                found=f"{annotation.image_id!r:.60}",
-                required="the id of one of its images",
+                where=f"{where}.keypoints[{3 * number + 2}]",
+                found=state,
+                required="0 (not labelled), 1 (labelled, not visible) or 2 (visible)",
             )
-        if categories and annotation.category_id not in {None, *categories}:
-            raise SpecError(
-                "an annotation is of no category of the file",
-                path=path,
-                where=f"{where}.category_id",
-                found=f"{annotation.category_id!r:.60}",
-                required="the id of one of its categories",
-            )
-        values = annotation.keypoints or []
-        if len(values) % 3:
-            raise SpecError(
-                "keypoints are not triples x, y, v",
-                path=path,
-                where=f"{where}.keypoints",
-                found=f"{len(values)} numbers",
-                required="three numbers for each keypoint",
-            )
-        category = categories.get(annotation.category_id, _Category())
-        names = category.keypoints or [str(k) for k in range(len(values) // 3)]
-        if len(names) != len(values) // 3:
-            raise SpecError(
-                "the keypoints are not those of the category",
-                path=path,
-                where=where,
-                found=f"{len(values) // 3} keypoints",
-                required=f"{len(names)}, as the category names them",
-            )
-        prefix = f"{category.name}/" if several else ""
-        for number, name in enumerate(names):
-            u, v, state = values[3 * number : 3 * number + 3]
-            if state not in (0, 1, 2):
-                raise SpecError(
-                    "invalid visibility flag of a keypoint",
-                    path=path,
-                    where=f"{where}.keypoints[{3 * number + 2}]",
-                    found=state,
-                    required="0 (not labelled), 1 (labelled, not visible) or 2 (visible)",
-                )
-            if state:
-                mark = Mark(u, v, state == 2)
-                marks.add(pictures[annotation.image_id], f"{prefix}{name}", mark, where)
-    return marks.annotations()
+        if state:
+            yield name, Mark(u, v, state == 2)
 
 
 def read_labelme(files: Sequence[Path], path: Path) -> Annotations:

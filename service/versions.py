@@ -103,15 +103,7 @@ def add_version(
     protocol.check_episodes(dataset, phase.split, queries, allow_empty=False)  # it may rank by any
     known = versions_of(session, phase.name)
     if known:
-        kind = kind_of(challenge, known[0])
-        if protocol.kind != kind:
-            raise CallError(
-                "the protocols of a phase score one kind of submission",
-                where=f"phase {phase.name}",
-                found=f"{protocol.name} for {protocol.kind}",
-                required=f"a protocol for {kind}",
-                fix="Give the other kind a phase of its own.",
-            )
+        _check_kind(protocol, kind_of(challenge, known[0]), phase)
     if truth is None:
         newest = known[-1]
         truth, truth_sha256 = newest.truth, newest.truth_sha256
@@ -153,6 +145,17 @@ def add_version(
         reason=reason,
     )
     return version
+
+
+def _check_kind(protocol: Protocol, kind: str, phase: Phase) -> None:
+    if protocol.kind != kind:
+        raise CallError(
+            "the protocols of a phase score one kind of submission",
+            where=f"phase {phase.name}",
+            found=f"{protocol.name} for {protocol.kind}",
+            required=f"a protocol for {kind}",
+            fix="Give the other kind a phase of its own.",
+        )
 
 
 def add_missing_versions(session: Session, challenge: Challenge) -> None:

@@ -93,21 +93,14 @@ def render_leaderboard(
     document = reports[0].document
     names = method_names(reports)
     main = document["headline"][0]
-    competing = [i for i in range(len(reports)) if reports[i].method not in CONTROLS]
     averaged = main in ratios_of(document)
-    found = differences(reports, [main]) if averaged else []
-    rivals = {names[i] for i in competing}
-    among = [item for item in found if {item.method, item.against} <= rivals]
-    places = ranks(among, [names[i] for i in competing])
-    # No differences: fewer than two methods have a value, or the metric has no significance test.
-    alone = [None if reports[i].overall.get(main) is None else 1 for i in competing]
-    standing = dict(zip(competing, places.get((OVERALL, main), alone), strict=True))
+    standing, among = _standing(reports, names, main)
     if hide_truth:
         reports = [public_scores(report) for report in reports]
     ranked = heading(main, reports[0].document)
     values = [each.overall.get(main) for each in reports]
     verdict = board_verdict(
-        {names[i]: values[i] for i in competing},
+        {names[i]: values[i] for i in standing},
         {each.method: value for each, value in zip(reports, values, strict=True)},
         ranked,
     )
@@ -152,6 +145,20 @@ def render_leaderboard(
         charts=charts,
         **cause_bars([reports[i] for i in shown], [names[i] for i in shown]),
     )
+
+
+def _standing(
+    reports: Sequence[Scores], names: Sequence[str], main: str
+) -> tuple[dict[int, int | None], list[Difference]]:
+    """Return the ranks of the reports that compete, and the differences between them."""
+    competing = [i for i in range(len(reports)) if reports[i].method not in CONTROLS]
+    found = differences(reports, [main]) if main in ratios_of(reports[0].document) else []
+    rivals = {names[i] for i in competing}
+    among = [item for item in found if {item.method, item.against} <= rivals]
+    places = ranks(among, [names[i] for i in competing])
+    # No differences: fewer than two methods have a value, or the metric has no significance test.
+    alone = [None if reports[i].overall.get(main) is None else 1 for i in competing]
+    return dict(zip(competing, places.get((OVERALL, main), alone), strict=True)), among
 
 
 def _differences(found: Sequence[Difference], names: Sequence[str], shown: Heading) -> list[Chart]:

@@ -144,16 +144,7 @@ def sample_camera(
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     if settings.distance_m is not None:
         eye = middle + toward * rng.uniform(*settings.distance_m)
-        camera = _placed(rotation, eye, size, fov_deg)
-        fault = _fault(camera, points)
-        if fault is not None:
-            raise CallError(
-                fault,
-                where="camera.distance_m",
-                found=f"eye at {eye.round(3).tolist()} m",
-                fix="Give a larger distance, or none, to have it chosen by camera.fill.",
-            )
-        return camera
+        return _checked(_placed(rotation, eye, size, fov_deg), eye, points)
     for _ in range(_BACK_OFFS):
         framed = _framed(points, middle, rotation, size, fov_deg, fill, offset)
         if framed is not None and _fault(framed, points) is None:
@@ -165,6 +156,19 @@ def sample_camera(
         found=f"{elevation:.0f} degrees above the table, field of view {fov_deg:.0f} degrees",
         fix="Lower fov_deg, or raise oblique_elevation_deg.",
     )
+
+
+def _checked(camera: Camera, eye: FloatArray, points: FloatArray) -> Camera:
+    """Return a camera at a distance that was given; refuse one that does not see all points."""
+    fault = _fault(camera, points)
+    if fault is not None:
+        raise CallError(
+            fault,
+            where="camera.distance_m",
+            found=f"eye at {eye.round(3).tolist()} m",
+            fix="Give a larger distance, or none, to have it chosen by camera.fill.",
+        )
+    return camera
 
 
 def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:

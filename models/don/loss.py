@@ -100,16 +100,8 @@ def don_loss(
         parts["foreground"] = functional.binary_cross_entropy_with_logits(
             out.foreground, both.float()
         )
-    weights = {
-        "lipschitz_space": settings.space_weight,
-        "lipschitz_time": settings.time_weight,
-        "orientation": settings.orientation_weight,
-        "canonical": settings.canonical_weight,
-        "stretch": settings.stretch_weight,
-        "foreground": settings.foreground_weight,
-    }
     loss = parts[settings.kind]
-    for name, weight in weights.items():
+    for name, weight in settings.weights.items():
         if name in parts:
             loss = loss + weight * parts[name]
     return loss, {name: part.detach() for name, part in parts.items()}

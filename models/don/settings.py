@@ -95,6 +95,18 @@ class LossSettings(Settings):
     stretch_reach_m: Positive = 0.12
     foreground_weight: NonNegative = 0.0
 
+    @property
+    def weights(self) -> dict[str, float]:
+        """The weight of each auxiliary loss, by its name in the log."""
+        return {
+            "lipschitz_space": self.space_weight,
+            "lipschitz_time": self.time_weight,
+            "orientation": self.orientation_weight,
+            "canonical": self.canonical_weight,
+            "stretch": self.stretch_weight,
+            "foreground": self.foreground_weight,
+        }
+
     def canonical_sigma_at(self, progress: float) -> float:
         """Return the width of the canonical target at a share of the training, metres.
 
