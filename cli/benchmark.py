@@ -70,7 +70,7 @@ def command(
     queries differ from the frozen ones.
     """
     require_packages(("numba", "cv2", "torch"), "a benchmark", "all")
-    from pliant.benchmarks.suite.config import read_config
+    from pliant.benchmarks.suite.config_file import read_config
 
     config = read_config(config_file, overrides)
     if tests:

@@ -53,7 +53,7 @@ def command(
     from rich.console import Console
     from rich.table import Table
 
-    from pliant.benchmarks.suite.config import read_config
+    from pliant.benchmarks.suite.config_file import read_config
     from pliant.benchmarks.suite.page import rmse_by_tier, write_results
     from pliant.benchmarks.suite.table import finished_rows
     from pliant.benchmarks.suite.work import Workspace

@@ -115,7 +115,8 @@ def model(
     """
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.run import generate
-    from pliant.models.model_recipe import RECIPES, make_model, read_recipe
+    from pliant.models.model_recipe import make_model
+    from pliant.models.recipe_file import RECIPES, read_recipe
     from pliant.spec.configuration import settings_from
     from pliant.spec.constraints import did_you_mean
     from pliant.spec.cores import cpu_cores

@@ -6,7 +6,8 @@ tracks; `writer` writes them as a dataset. `convert` writes a dataset in the for
 
 from pliant.converters.canvas import PictureOptions
 from pliant.converters.formats import Source, read_source
-from pliant.converters.writer import Imported, ImportSettings, write_imported
+from pliant.converters.import_settings import ImportSettings
+from pliant.converters.writer import Imported, write_imported
 
 __all__ = [
     "ImportSettings",

@@ -7,36 +7,33 @@ every reader and the validator take it, and nothing is invented. The truth is a 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
 from pliant.converters.alike import Alike, alike
 from pliant.converters.clip import Clip, resized
-from pliant.converters.queries import Scheme, make_queries
+from pliant.converters.import_settings import ImportSettings, check_call, check_names, common_size
+from pliant.converters.queries import make_queries
 from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
-from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VERSION
-from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io import limits
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.errors import SpecError
 from pliant.spec.io.exr import write_camera_depth
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
-from pliant.spec.io.staging import is_left_alone, next_to, refuse_existing, staged_both
+from pliant.spec.io.staging import next_to, staged_both
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
-from pliant.spec.opening import is_name
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
-from pliant.spec.text import escape, unsafe_character
 
 OBJECT: Final = 1
 """Value in a mask of the object that the points are on."""
@@ -46,35 +43,6 @@ ATTACHED: Final = 2
 
 UNKNOWN: Final = ("cameras", "surface", "material coordinates", "scale", "symmetries")
 """What imported data does not say; it is in the dataset's provenance."""
-
-
-@dataclass(frozen=True)
-class ImportSettings:
-    """How imported data becomes a dataset.
-
-    Attributes:
-        id: The dataset's id, and the name of its tier.
-        kind: What the points are on: `rope`, `cloth` or another name.
-        split: The split that all of it becomes.
-        title: One line for people.
-        licence: SPDX identifier of the data's licence, or `LicenseRef-unknown`.
-        version: The dataset's version, three numbers.
-        queries: Which pairs of frames are asked about.
-        pairs: Of scheme `pairs`, the most pairs of a clip.
-        size: (width, height) to bring every frame to, px; None keeps their common size.
-        alike: Groups of points that look alike, see `converters.alike`.
-    """
-
-    id: str
-    kind: str = "rope"
-    split: Literal["train", "val", "test"] = "test"
-    title: str = ""
-    licence: str = "LicenseRef-unknown"
-    version: str = "1.0.0"
-    queries: Scheme = "pairs"
-    pairs: int = 100
-    size: tuple[int, int] | None = None
-    alike: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -123,10 +91,10 @@ def write_imported(
         SpecError: A frame cannot be read, or nothing can be asked.
     """
     beside = next_to(out, "-truth")
-    _check_call(out, beside, settings)
-    _check_names(clips, source)
+    check_call(out, beside, settings)
+    check_names(clips, source)
     same = alike(settings.alike)
-    size = _size(clips, settings)
+    size = common_size(clips, settings)
     clips = [resized(clip, size) for clip in clips]
     ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
     queries, truth = make_queries(
@@ -173,82 +141,11 @@ def write_imported(
     return Imported(out, answers, len(clips), total, pairs, len(queries), balls, off, on)
 
 
-def _check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
-    """Refuse folders that are there, and settings that are none."""
-    for folder in (out, beside):
-        if not is_left_alone(folder, out):
-            refuse_existing(folder)
-    for what, name, fix in (
-        ("the dataset's id", settings.id, "Name the dataset with --id."),
-        ("--kind", settings.kind, None),
-    ):
-        if not is_name(name):
-            raise CallError(
-                "invalid name",
-                where=what,
-                found=repr(name)[:80],
-                required="1 to 128 letters, digits, '.', '_', '-'",
-                fix=fix,
-            )
-    for what, text in (("--title", settings.title), ("--licence", settings.licence)):
-        if (found := unsafe_character(text, lines=True)) is not None:
-            raise CallError(
-                "the text has a control or bidirectional character",
-                where=what,
-                found=escape(found),
-                fix="Remove it.",
-            )
-    if not re.fullmatch(VERSION, settings.version):
-        raise CallError(
-            "invalid version",
-            where="--version",
-            found=repr(settings.version)[:80],
-            required="three numbers, such as 1.0.0",
-        )
-    if settings.pairs < 1:
-        raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
-
-
 def _unknown(clips: Sequence[Clip], same: Sequence[Alike]) -> list[str]:
     """Return what the clips do not say, in words."""
     unknown = [each for each in UNKNOWN if each != "symmetries" or not same]
     measured = all(clip.read_depth is not None for clip in clips)
     return unknown if measured else [*unknown, "depth"]
-
-
-def _check_names(clips: Sequence[Clip], source: Mapping[str, Any]) -> None:
-    """Refuse names of files that the provenance cannot say."""
-    pictures = [picture["name"] for clip in clips for picture in clip.facts.get("pictures", ())]
-    for name in (str(source.get("source", "")), *(clip.name for clip in clips), *pictures):
-        if not name.isprintable():
-            raise SpecError(
-                "the name of a file has characters that cannot be printed",
-                found=repr(name)[:80],
-                fix="Rename the file.",
-            )
-
-
-def _size(clips: Sequence[Clip], settings: ImportSettings) -> tuple[int, int]:
-    """Return the (width, height) of all frames, px."""
-    sizes = sorted({clip.size for clip in clips})
-    if settings.size is None and len(sizes) > 1:
-        raise CallError(
-            "the clips differ in size, and a dataset has one",
-            found=", ".join(f"{width}x{height}" for width, height in sizes[:6]),
-            fix="Give --size WxH to bring all of them to one size (TAP-Vid scores at 256x256)",
-        )
-    size = settings.size or sizes[0]
-    if min(size) < 1:
-        raise CallError("invalid size", where="--size", found=f"{size[0]}x{size[1]}")
-    if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
-        raise CallError(
-            "the frames are larger than a dataset's may be",
-            found=f"{size[0]}x{size[1]}",
-            required=f"sides of at most {limits.MAX_IMAGE_SIDE_PX:,} px, "
-            f"{limits.MAX_IMAGE_PIXELS:,} pixels in all",
-            fix="Give a smaller --size WxH",
-        )
-    return size
 
 
 def _write_tables(

@@ -16,44 +16,27 @@ import pyarrow as pa
 
 from pliant.spec.calls import check_whole
 from pliant.spec.conventions import SPLITS
+from pliant.spec.decoded import decoded_images
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import Tier
-from pliant.spec.opening import check_names, check_truth, check_version, foreign_truth, tiers_of
-from pliant.spec.queries import QueryPair, group_queries
-from pliant.spec.sequence import RecordedFrame, SequenceRecord, decoded_images
-from pliant.spec.storage import layout
-from pliant.spec.storage.files import (
-    Files,
-    LayeredFiles,
-    LocalFiles,
-    SingleFile,
-    storage_of,
+from pliant.spec.opening import (
+    check_names,
+    check_truth,
+    check_version,
+    foreign_truth,
+    require_dataset_folder,
+    sample_or,
+    tiers_of,
 )
+from pliant.spec.queries import QueryPair, group_queries
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
+from pliant.spec.storage import layout
+from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, SingleFile, storage_of
 from pliant.spec.storage.manifest import check_halves
 from pliant.spec.storage.packed import PackedFiles
-
-SAMPLE_NAME: Final = "sample"
-SAMPLE: Final = Path(__file__).parent / "sample"
-"""The small dataset of the package: 12 ropes in two frames each, packed."""
-
-
-def sample_or(root: Path | str) -> Path | str:
-    """Return the small dataset of the package for `sample`, if no such folder exists."""
-    return SAMPLE if str(root) == SAMPLE_NAME and not Path(root).exists() else root
-
-
-def require_dataset_folder(root: Path | str) -> None:
-    """Refuse what is not a folder of this machine.
-
-    Raises:
-        CallError: It is not.
-    """
-    if not os.path.isdir(root):  # unlike Path.is_dir, False of a name that is too long
-        raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
-
 
 _LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
 """Columns of `sequences.parquet` that a `SequenceRecord` has."""
@@ -260,20 +243,15 @@ class Dataset:
         Raises:
             SpecError: The dataset has no such sequence.
         """
-        if sequence_id not in self._by_id:
-            raise SpecError(
-                "the dataset has no such sequence", path=self.root, found=repr(sequence_id)[:100]
-            )
-        return self._by_id[sequence_id]
+        return self._named(sequence_id, SpecError)
 
     def chosen(self, sequence_id: str) -> SequenceRecord:
-        """Return the sequence that a person names.
+        """Return the sequence that a person names; `sequence`, with a `CallError`."""
+        return self._named(sequence_id, CallError)
 
-        Raises:
-            CallError: The dataset has no such sequence.
-        """
+    def _named(self, sequence_id: str, refused: type[SpecError | CallError]) -> SequenceRecord:
         if sequence_id not in self._by_id:
-            raise CallError(
+            raise refused(
                 "the dataset has no such sequence",
                 path=self.root,
                 found=repr(sequence_id)[:100],

@@ -1,20 +1,40 @@
-"""Checks when a dataset is opened: version, names, tiers, and truth."""
+"""Checks when a dataset is opened: folder, version, names, tiers, and truth."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.conventions import NAME, SPEC_VERSION
-from pliant.spec.errors import SpecError
+from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.parquet import read_footer
 from pliant.spec.io.reading import AnyFile, FileRefusedError
 from pliant.spec.model import Tier
+
+SAMPLE_NAME: Final = "sample"
+SAMPLE: Final = Path(__file__).parent / "sample"
+"""The small dataset of the package: 12 ropes in two frames each, packed."""
+
+
+def sample_or(root: Path | str) -> Path | str:
+    """Return the small dataset of the package for `sample`, if no such folder exists."""
+    return SAMPLE if str(root) == SAMPLE_NAME and not Path(root).exists() else root
+
+
+def require_dataset_folder(root: Path | str) -> None:
+    """Refuse what is not a folder of this machine.
+
+    Raises:
+        CallError: It is not.
+    """
+    if not os.path.isdir(root):  # unlike Path.is_dir, False of a name that is too long
+        raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
 
 
 def is_name(text: str) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,36 +16,20 @@ import pyarrow as pa
 
 from pliant.spec.calls import check_whole
 from pliant.spec.camera import Camera
+from pliant.spec.decoded import Decoded, decoded_images
 from pliant.spec.errors import SpecError
 from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import open_table, read_table
-from pliant.spec.io.parquet_columns import load_columns, load_rows
+from pliant.spec.io.parquet_columns import load_columns, load_rows, rows_in_order
 from pliant.spec.io.png import read_mask, read_rgb
-from pliant.spec.io.reading import AnyFile, FileRefusedError
+from pliant.spec.io.reading import AnyFile
 from pliant.spec.lru_cache import LRUCache
 from pliant.spec.model import DISTRACTOR, Tier
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import Files
 from pliant.spec.tables import CORRESPONDENCES
-
-DECODED_BYTES: Final = 128 * 2**20
-"""Most bytes of decoded images that a dataset keeps."""
-
-_ENTRY_BYTES: Final = 1024
-"""What an entry counts at least: that an image is withheld is remembered too."""
-
-Decoded = tuple[npt.NDArray[Any], ...]
-
-
-def _bytes_of(arrays: Decoded) -> int:
-    return max(_ENTRY_BYTES, sum(array.nbytes for array in arrays))
-
-
-def decoded_images() -> LRUCache[Decoded]:
-    """Return an empty cache of decoded images, for the sequences of one dataset."""
-    return LRUCache(DECODED_BYTES, _bytes_of)
 
 
 @dataclass(frozen=True, repr=False)
@@ -195,11 +179,13 @@ class SequenceRecord:
                 required=f"{self.frames * count}: {self.frames} frames of {count} points",
             )
         if frame is None:
-            return _in_order(load_columns(file, path, CORRESPONDENCES), range(self.frames), path)
+            return rows_in_order(
+                load_columns(file, path, CORRESPONDENCES), range(self.frames), path
+            )
         self._check(frame)
         rows_of_frame = frame * count, (frame + 1) * count
         table = load_rows(file, path, CORRESPONDENCES, *rows_of_frame)
-        return _in_order(table, range(frame, frame + 1), path)
+        return rows_in_order(table, range(frame, frame + 1), path)
 
     @cached_property
     def _point_count(self) -> int:
@@ -209,25 +195,6 @@ class SequenceRecord:
 
     def _check(self, frame: int) -> None:
         check_whole(f"{self.id}, frame", frame, 0, self.frames - 1)
-
-
-def _in_order(table: pa.Table, frames: range, path: AnyFile) -> pa.Table:
-    """Return the correspondences of some frames if they are ascending by frame, then point."""
-    count = table.num_rows // len(frames)
-    expected = np.repeat(frames, count), np.tile(np.arange(count), len(frames))
-    found = table["frame"].to_numpy(), table["point"].to_numpy()
-    wrong = (found[0] != expected[0]) | (found[1] != expected[1])
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise FileRefusedError(
-            "ROW_ORDER",
-            "the rows must be ascending by frame, then point",
-            path=path,
-            where=f"row {frames.start * count + row}",
-            found=f"frame {found[0][row]}, point {found[1][row]}",
-            required=f"frame {expected[0][row]}, point {expected[1][row]}",
-        )
-    return table
 
 
 class RecordedFrame(Frame):

@@ -17,8 +17,9 @@ import pliant
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict as predict_file
 from pliant.evaluator import evaluate as evaluate_file
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError, SpecError
+from pliant.spec.opening import SAMPLE
 from tests.known import known
 
 README = Path(__file__).parents[1] / "README.md"

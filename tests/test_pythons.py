@@ -23,7 +23,8 @@ import hashlib, json, sys, tempfile
 from pathlib import Path
 
 from pliant.evaluator import evaluate, write_report
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
+from pliant.spec.opening import SAMPLE
 from pliant.spec.io.exr import write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import read_footer, write_table

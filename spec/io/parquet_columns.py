@@ -296,3 +296,22 @@ def _is_list(kind: pa.DataType) -> bool:
         | pa.ListViewType
         | pa.LargeListViewType,
     )
+
+
+def rows_in_order(table: pa.Table, frames: range, path: AnyFile) -> pa.Table:
+    """Return the correspondences of some frames if they are ascending by frame, then point."""
+    count = table.num_rows // len(frames)
+    expected = np.repeat(frames, count), np.tile(np.arange(count), len(frames))
+    found = table["frame"].to_numpy(), table["point"].to_numpy()
+    wrong = (found[0] != expected[0]) | (found[1] != expected[1])
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise FileRefusedError(
+            "ROW_ORDER",
+            "the rows must be ascending by frame, then point",
+            path=path,
+            where=f"row {frames.start * count + row}",
+            found=f"frame {found[0][row]}, point {found[1][row]}",
+            required=f"frame {expected[0][row]}, point {expected[1][row]}",
+        )
+    return table

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
-from pliant.spec.dataset import require_dataset_folder, sample_or
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
-from pliant.spec.opening import is_name
+from pliant.spec.opening import is_name, require_dataset_folder, sample_or
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles

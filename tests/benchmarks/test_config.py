@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from pliant.benchmarks.suite.checksums import read_frozen
-from pliant.benchmarks.suite.config import read_config
+from pliant.benchmarks.suite.config_file import read_config
 from pliant.benchmarks.suite.run import run_digest
 from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from pliant.benchmarks.suite.checksums import Differences
-from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
+from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.benchmarks.suite.config_file import read_config
 from pliant.benchmarks.suite.page import rmse_by_tier, write_results
 from pliant.benchmarks.suite.run import run_benchmark
 from pliant.benchmarks.suite.table import Row, finished_rows

@@ -19,7 +19,8 @@ from pliant.benchmarks.suite.checksums import (
     read_frozen,
     set_checksums,
 )
-from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
+from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.benchmarks.suite.config_file import read_config
 from pliant.benchmarks.suite.page import results_page, write_results
 from pliant.benchmarks.suite.run import run_benchmark
 from pliant.benchmarks.suite.table import Row, arms, best, blocks, finished_rows

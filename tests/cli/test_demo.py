@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pliant.benchmarks.suite import config
+from pliant.benchmarks.suite import config_file
 from pliant.cli.main import run
 from pliant.service.challenge import is_challenge
 from tests.benchmarks.jobs_here import jobs_here
@@ -49,8 +49,8 @@ def test_one_picture_is_no_pair(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 def test_with_few_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every stage of the demo, from the sets to the page and the challenge."""
-    read = config.read_config
-    monkeypatch.setattr(config, "read_config", lambda path, given: read(path, [*given, *FEW]))
+    read = config_file.read_config
+    monkeypatch.setattr(config_file, "read_config", lambda path, given: read(path, [*given, *FEW]))
     out = tmp_path / "demo"
     with jobs_here():
         demo(out)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from pliant.benchmarks.suite.config import read_config
+from pliant.benchmarks.suite.config_file import read_config
 from pliant.cli.main import COMMANDS, SECTIONS, main, run
 from pliant.generator.config import GenerateConfig
 from pliant.models.don.settings import DonSettings
-from pliant.models.model_recipe import RECIPES, read_recipe
+from pliant.models.recipe_file import RECIPES, read_recipe
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.spec.configuration import read_settings
 from pliant.spec.io.parquet import read_footer

@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from pliant.converters.clip import Clip
-from pliant.converters.writer import ImportSettings, write_imported
+from pliant.converters.import_settings import ImportSettings
+from pliant.converters.writer import write_imported
 from pliant.evaluator import Scores, evaluate_answers
 from pliant.spec.dataset import Dataset
 

@@ -11,8 +11,9 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import Scores, evaluate_answers
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
+from pliant.spec.opening import SAMPLE
 from tests.evaluator.figures import figure
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from safetensors.torch import save
 
 from pliant.baselines.answers_file import submission_of_file
-from pliant.benchmarks.suite.config import read_config
+from pliant.benchmarks.suite.config_file import read_config
 from pliant.converters.annotations import read_rows
 from pliant.converters.formats import read_source
 from pliant.converters.knots import KNOTS_JSON, read_knots
@@ -27,7 +27,7 @@ from pliant.evaluator import evaluate, write_report
 from pliant.evaluator.scores import SCORES_JSON, read_scores
 from pliant.generator.config import GenerateConfig
 from pliant.models.don.settings import DonSettings
-from pliant.models.model_recipe import read_recipe
+from pliant.models.recipe_file import read_recipe
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.training.checkpoint import read_checkpoint, read_weights_file
 from pliant.models.training.run_folder import read_run_json

@@ -8,8 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.io.reading import AnyFile, read_bytes
+from pliant.spec.opening import SAMPLE
 
 ROOT: Final = Path(__file__).parents[2]
 TINY: Final = ROOT / "tests" / "data" / "tiny-submission"

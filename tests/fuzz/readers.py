@@ -11,13 +11,14 @@ from typing import Final
 
 from pliant.evaluator import check
 from pliant.evaluator.submission.loading import load_in_memory  # noqa: F401 - instrumented
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import read_camera_depth, read_surface
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.io.parquet_footer import read_column_chunks
 from pliant.spec.io.photo import read_photo
 from pliant.spec.io.png import read_mask, read_rgb
+from pliant.spec.opening import SAMPLE
 from pliant.spec.storage.manifest import read_checksums
 from pliant.spec.tables import TABLES
 from tests.fuzz.foreign import FOREIGN

@@ -25,8 +25,9 @@ from pliant.service.challenge import Challenge
 from pliant.service.creation import create_challenge
 from pliant.service.teams import begin_session, identify, identify_session, invite
 from pliant.service.web.app import make_app
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.io.png import write_rgb
+from pliant.spec.opening import SAMPLE
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation
 from pliant.viewer.explorer.app import open_explorer

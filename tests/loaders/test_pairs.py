@@ -21,8 +21,9 @@ from pliant.loaders import (
     StepOrder,
 )
 from pliant.loaders.pairs import Pairing
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.opening import SAMPLE
 from tests.loaders.sheet_dataset import sheet_map, write_sheet_dataset
 
 SIZE = (80, 60)

@@ -16,15 +16,9 @@ from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, model_recipe
 from pliant.models.don.ball import BallNetwork
 from pliant.models.don.settings import DonSettings
-from pliant.models.model_recipe import (
-    RECIPES,
-    MaskStage,
-    _mean,
-    _train_masks,
-    make_model,
-    read_recipe,
-)
+from pliant.models.model_recipe import _mean, _train_masks, make_model
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.recipe_file import RECIPES, MaskStage, read_recipe
 from pliant.models.shipped import FOLDER
 from pliant.models.training.run_folder import BALL, write_settings
 from pliant.spec.configuration import read_settings, settings_from

@@ -139,7 +139,8 @@ def shipped() -> list[tuple[str, Path]]:
 
 @pytest.mark.parametrize(("kind", "path"), shipped(), ids=lambda each: str(each)[-40:])
 def test_shipped_files_are_accepted_and_a_misspelt_key_is_refused(kind: str, path: Path) -> None:
-    from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
+    from pliant.benchmarks.suite.config import BenchmarkConfig
+    from pliant.benchmarks.suite.config_file import read_config
     from pliant.generator.config import GenerateConfig
     from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.spec import sequence as sequences
+from pliant.spec import decoded
 from pliant.spec.camera import Camera
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
@@ -50,7 +50,7 @@ def test_an_image_is_decoded_once(dataset: Dataset, monkeypatch: pytest.MonkeyPa
 
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     rgb = Dataset.open("sample")[0][0].rgb
-    monkeypatch.setattr(sequences, "DECODED_BYTES", 2 * rgb.nbytes)
+    monkeypatch.setattr(decoded, "DECODED_BYTES", 2 * rgb.nbytes)
     dataset = Dataset.open("sample")
     reads = count_reads(monkeypatch)
     frames = [*dataset[0], *dataset[1]]

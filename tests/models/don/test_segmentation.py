@@ -29,8 +29,9 @@ from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
 from pliant.models.training.run_folder import BALL as BALL_FILE
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
-from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
+from pliant.spec.opening import SAMPLE
 from tests.known import known
 from tests.models.don.test_ball import GreenBall
 from tests.models.shipped_models import shipped_don
