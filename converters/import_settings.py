@@ -65,7 +65,7 @@ def check_call(out: Path, beside: Path, settings: ImportSettings) -> None:
                 fix=fix,
             )
     for what, text in (("--title", settings.title), ("--licence", settings.licence)):
-        if (found := unsafe_character(text, lines=True)) is not None:
+        if (found := unsafe_character(text)) is not None:
             raise CallError(
                 "the text has a control or bidirectional character",
                 where=what,

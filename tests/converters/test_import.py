@@ -126,6 +126,7 @@ def test_wrong_calls_are_one_sentence(tmp_path: Path, rejected: Rejected) -> Non
         assert said in rejected(source, "--size", size, code=2)
     said = r"--title: the text has a control or bidirectional character; found \u202e"
     assert said in rejected(source, "--title", "a\u202eb", code=2)
+    assert r"--licence: the text has a control" in rejected(source, "--licence", "a\nb", code=2)
     assert "invalid version" in rejected(source, "--version", "1.0", code=2)
     assert "file or folder not found" in rejected(tmp_path / "nowhere", code=2)
     (tmp_path / "no-truth").mkdir()

@@ -110,24 +110,7 @@ def test_a_host_and_a_team(
         assert "RMSE" in page.text()
         assert "Receipt" in page.text()
         with scripts_disabled(browser):
-            browser.driver.delete_all_cookies()
-            browser.driver.get(server.address + "/login")
-            page.fill("token", token)
-            browser.follow("main button.main")
-            browser.driver.get(server.address + "/submissions/1")
-            WebDriverWait(browser.driver, 60).until(
-                lambda driver: (
-                    driver.find_elements(By.CSS_SELECTOR, ".state.scored")
-                    and "Receipt" in driver.page_source
-                )
-            )
-            browser.driver.get(server.address + "/submit")
-            page.fill("file", str(service_halves.bad))
-            browser.follow("main button.main")
-            WebDriverWait(browser.driver, 60).until(
-                lambda driver: "FILE_UNREADABLE" in driver.page_source
-            )
-            assert browser.driver.find_elements(By.CSS_SELECTOR, ".state.refused")
+            submit_without_scripts(page, browser, server.address, token, service_halves.bad)
         assert "4 attempts left today, 99 in all" in page.go("/submit")
         assert TEAM in page.go("/")
         wide = "return document.querySelector('#board tbody th').clientWidth"
@@ -159,6 +142,28 @@ def test_a_host_and_a_team(
         look_at_every_page(page, width, dark)
         assert browser.errors() == []
         assert server.stop() == 0
+
+
+def submit_without_scripts(
+    page: Page, browser: Browser, address: str, token: str, file: Path
+) -> None:
+    """Sign in, look at the scored submission, and send a file that is refused."""
+    browser.driver.delete_all_cookies()
+    browser.driver.get(address + "/login")
+    page.fill("token", token)
+    browser.follow("main button.main")
+    browser.driver.get(address + "/submissions/1")
+    WebDriverWait(browser.driver, 60).until(
+        lambda driver: (
+            driver.find_elements(By.CSS_SELECTOR, ".state.scored")
+            and "Receipt" in driver.page_source
+        )
+    )
+    browser.driver.get(address + "/submit")
+    page.fill("file", str(file))
+    browser.follow("main button.main")
+    WebDriverWait(browser.driver, 60).until(lambda driver: "FILE_UNREADABLE" in driver.page_source)
+    assert browser.driver.find_elements(By.CSS_SELECTOR, ".state.refused")
 
 
 def look_at_every_page(page: Page, width: int, dark: bool) -> None:
