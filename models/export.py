@@ -15,6 +15,7 @@ from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.settings import FurtherSet
 from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS
+from pliant.models.networks.print_network import PRINTS
 from pliant.models.training.checkpoint import (
     BEST,
     FINISH,
@@ -70,7 +71,8 @@ def export_run(
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
         run has them `calibration.json`, `familiarity.json`, `crossings.safetensors`,
-        `masks.safetensors`, `ball.safetensors`, `data.yaml` and `recipe.yaml`, and `CARD.md`.
+        `masks.safetensors`, `ball.safetensors`, `prints.safetensors`, `data.yaml` and
+        `recipe.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run, not finished or was trained on
@@ -160,7 +162,7 @@ def _write_files(
         if (run / kept).is_file():
             shutil.copyfile(run / kept, folder / kept)
     (folder / CONFIG).write_text(yaml_text(settings), encoding="utf-8")
-    for name in (BEST, CROSSINGS, MASKS, BALL):
+    for name in (BEST, CROSSINGS, MASKS, BALL, PRINTS):
         if name == BEST or (run / name).is_file():
             save_weights(folder / name, halved(read_weights_file(run / name)))
             (folder / name).chmod(0o644)  # safetensors makes it the owner's alone

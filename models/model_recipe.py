@@ -15,14 +15,17 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Final
 
+from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.ball_training import PICTURES, fit_ball
 from pliant.models.don.loading import load_masks
 from pliant.models.don.mask_training import SAMPLINGS, fit_masks
+from pliant.models.don.print_training import fit_prints
 from pliant.models.don.settings import DonSettings, FurtherSet
 from pliant.models.don.trainer import DonTask, train_don, training_data
 from pliant.models.export import RECIPE, export_run, portable
 from pliant.models.networks.mask_network import MASKS
-from pliant.models.recipe_file import MaskStage, ModelRecipe, Stage
+from pliant.models.networks.print_network import PRINTS
+from pliant.models.recipe_file import MaskStage, ModelRecipe, PrintStage, Stage
 from pliant.models.training.checkpoint import (
     BEST,
     Weights,
@@ -97,6 +100,8 @@ def make_model(
     last = list(recipe.stages)[-1]
     if recipe.masks is not None:
         _train_masks(recipe.masks, out, out / "stages" / last, watched)
+    if recipe.prints is not None and not (out / "stages" / last / PRINTS).is_file():
+        _train_prints(recipe, recipe.prints, out, watched)
     text = yaml_text(settings_to_dict(recipe))
     (out / "stages" / last / RECIPE).write_text(text, encoding="utf-8")
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
@@ -159,6 +164,21 @@ def _train_masks(stage: MaskStage, out: Path, run: Path, watched: Watched) -> No
             ball = fit_ball(masks, sets, pictures=pictures, seed=seed, progress=progress)
         if ball is not None:
             save_weights(run / BALL, ball.state_dict())
+
+
+def _train_prints(recipe: ModelRecipe, stage: PrintStage, out: Path, watched: Watched) -> None:
+    """Train what matches prints, at the size of the model's pictures."""
+    run = out / "stages" / list(recipe.stages)[-1]
+    settings = read_settings(DonSettings, run / CONFIG)
+    size = settings.width, settings.height
+    stores = [
+        FrameStore(Dataset.open(out / "sets" / name), tier, "train", size)
+        for name in stage.sets
+        for tier in recipe.sets[name]["tiers"]
+    ]
+    with watched("prints", stage.steps) as progress:
+        network = fit_prints(stores, steps=stage.steps, seed=settings.seed, progress=progress)
+    save_weights(run / PRINTS, network.state_dict())
 
 
 def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:

@@ -73,6 +73,18 @@ class MaskStage(Settings):
     ball_sets: tuple[str, ...] = ()
 
 
+class PrintStage(Settings):
+    """The training of a network that matches the prints of cloths, see `print_training.py`.
+
+    Attributes:
+        sets: Names of the sets of blank cloths whose training splits it sees.
+        steps: Steps.
+    """
+
+    sets: tuple[str, ...]
+    steps: Count
+
+
 class ModelRecipe(Settings):
     """How a model is made.
 
@@ -82,6 +94,7 @@ class ModelRecipe(Settings):
         settings: Settings of the runs of all stages.
         stages: Name -> stage, in order; the last one is the model.
         masks: How the networks that find masks and balls are trained, for a model with them.
+        prints: How the network that matches prints is trained, for a model with one.
     """
 
     name: str
@@ -89,13 +102,15 @@ class ModelRecipe(Settings):
     settings: Mapping[str, Any]
     stages: Mapping[str, Stage]
     masks: MaskStage | None = None
+    prints: PrintStage | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if not self.stages:
             raise Refused("at least one stage", "stages")
-        if self.masks is not None and not self.masks.sets:
-            raise Refused("at least one set", "masks.sets")
+        for name in ("masks", "prints"):
+            if (stage := getattr(self, name)) is not None and not stage.sets:
+                raise Refused("at least one set", f"{name}.sets")
         return self
 
 
@@ -106,8 +121,8 @@ def read_recipe(
 
     Args:
         path: The file.
-        overrides: `dotted.key=value` texts that change the runs of all stages; `steps` also that
-            of the network that finds masks.
+        overrides: `dotted.key=value` texts that change the runs of all stages; `steps` also those
+            of the networks that find masks and match prints.
         sequences: Sequences of every split at most, for a trial.
 
     Raises:
@@ -126,11 +141,12 @@ def read_recipe(
         given = stage.get("settings") or {}
         if isinstance(given, dict):
             stage["settings"] = with_overrides(given, overrides)
-    changed = with_overrides({}, overrides)
-    if "steps" in changed and isinstance(masks := values.get("masks"), dict):
-        values["masks"] = {**masks, "steps": changed["steps"]}
-        if isinstance(later := masks.get("later"), list):
-            values["masks"]["later"] = [changed["steps"] for _ in later]
+    if "steps" in (changed := with_overrides({}, overrides)):
+        for each in (values.get("masks"), values.get("prints")):
+            if isinstance(each, dict):
+                each["steps"] = changed["steps"]
+                if isinstance(later := each.get("later"), list):
+                    each["later"] = [changed["steps"] for _ in later]
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")
@@ -155,6 +171,8 @@ def read_recipe(
     if recipe.masks is not None:
         for key in ("sets", "later_sets", "ball_sets"):
             _check_known(set(getattr(recipe.masks, key)), set(recipe.sets), path, f"masks.{key}")
+    if recipe.prints is not None:
+        _check_known(set(recipe.prints.sets), set(recipe.sets), path, "prints.sets")
     return recipe
 
 

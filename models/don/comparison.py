@@ -21,6 +21,7 @@ from pliant.models.networks.descriptor_network import pixel_grid, sample_descrip
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.frame import Frame
 
+_PRINT_WEIGHT = 0.7  # of 0.7, 1 and 1.4, on four sets of printed validation cloths
 _MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
 
 
@@ -49,6 +50,8 @@ def compare(
     uv_a_px: Float32Array,
     sharpness: float,
     every_px: int = 1,
+    *,
+    by_print: bool = True,
 ) -> Comparison:
     """Compare the queries' descriptors with those of the target's candidates, in all copies.
 
@@ -60,6 +63,7 @@ def compare(
         uv_a_px: float32 (N, 2), in pixels of the source.
         sharpness: Factor of the log probabilities.
         every_px: Only the pixels of every so many rows and columns compete.
+        by_print: Match the prints too, where both images show one.
     """
     a, b = views.described(source), views.described(target)
     width, height = views.size
@@ -91,7 +95,14 @@ def compare(
             rows = b.mirrored.flatten(1).T[chosen]
             mirrored = log_probabilities(query, rows[None], scale)[0]
             mean = (1 - _MIRROR_WEIGHT) * mean + _MIRROR_WEIGHT * mirrored
-    log_p = (mean * sharpness).log_softmax(dim=1)
+    log_p = mean * sharpness
+    if by_print and views.prints is not None and a.prints is not None and b.prints is not None:
+        with torch.inference_mode():
+            query = sample_descriptors(a.prints[None], query_uv[None])
+            rows = b.prints.flatten(1).T[chosen]
+            log_p_print = log_probabilities(query, rows[None], views.prints.scale)[0]
+        log_p = log_p + _PRINT_WEIGHT * log_p_print
+    log_p = log_p.log_softmax(dim=1)
     return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
 
 

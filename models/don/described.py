@@ -17,6 +17,7 @@ from pliant.models.don.segmentation import cloth_mask, cloth_probability, denois
 from pliant.models.don.table import on_plain_table
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.models.networks.mask_network import CLOTH_SIDE, MaskNetwork
+from pliant.models.networks.print_network import PrintNetwork, is_printed
 from pliant.spec.arrays import Float32Array, FloatArray, Mask, Rgb
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -39,12 +40,17 @@ class DescribedView:
             it describes; None where mirrored copies do not vote.
         mask: bool (h, w), the queried object, or None.
         objects: bool (h, w), any object, or None.
+        printed: Whether the object is seen to have several colours.
+        prints: float (D', h, w), descriptors of the print; None where there is none, or nothing
+            that describes it.
     """
 
     maps: list[torch.Tensor]
     mirrored: torch.Tensor | None
     mask: Mask | None
     objects: Mask | None
+    printed: bool = False
+    prints: torch.Tensor | None = None
 
     def on_object(self) -> Float32Array:
         """Return the descriptors on the object (everywhere without a mask), float32 (n, D)."""
@@ -72,7 +78,8 @@ class _UprightView:
 
 def _bytes_of(described: DescribedView) -> int:
     """Return how many bytes the maps take."""
-    maps = [*described.maps, *([] if described.mirrored is None else [described.mirrored])]
+    others = (described.mirrored, described.prints)
+    maps = [*described.maps, *(each for each in others if each is not None)]
     return sum(each.nbytes for each in maps)
 
 
@@ -90,6 +97,7 @@ class ViewDescriber:
     Attributes:
         masks: Finds objects in pictures, or None: the descriptor network's foreground does.
         ball: Finds the ball of a rope in pictures, or None: what is thick and round is one.
+        prints: Describes the print of a cloth, or None.
     """
 
     def __init__(
@@ -106,6 +114,7 @@ class ViewDescriber:
         self.plain_table = plain_table
         self.masks: MaskNetwork | None = None
         self.ball: BallNetwork | None = None
+        self.prints: PrintNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
         self._upright: LRUCache[_UprightView] = LRUCache(_KEPT_UPRIGHT)
@@ -200,7 +209,13 @@ class ViewDescriber:
         maps = [upright.descriptors]
         maps += [self._descriptors(upright.image, turn) for turn in self.turns[1:]]
         mirrored = self._descriptors(upright.image.flip(2), 0).flip(2) if self.mirrored else None
-        return DescribedView(maps, mirrored, upright.mask, upright.objects)
+        mask, printed, prints = upright.mask, False, None
+        if mask is not None and self.given.colour:
+            rgb = resize_rgb(view.rgb, self.size)
+            printed = is_printed(rgb, mask)
+            if printed and self.prints is not None:
+                prints = self.prints.described(rgb, mask)
+        return DescribedView(maps, mirrored, mask, upright.objects, printed, prints)
 
     def _seen(self, view: Frame) -> _UprightView:
         """Return a view as the network sees it, which it may be asked for twice."""

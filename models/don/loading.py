@@ -16,6 +16,7 @@ from pliant.models.don.settings import DonSettings
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.networks.print_network import PRINTS, PrintNetwork
 from pliant.models.training.checkpoint import (
     best_weights,
     load_weights,
@@ -98,6 +99,7 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     reader = matcher.reader
     if settings.answer.crossings:
         reader.crossings = _network_in(run / CROSSINGS, CrossingNetwork)
+    matcher.match_prints_with(_network_in(run / PRINTS, PrintNetwork))
     if (run / MASKS).is_file():
         reader.find_masks_with(load_masks(run / MASKS), _network_in(run / BALL, BallNetwork))
     return matcher

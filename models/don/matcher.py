@@ -29,6 +29,7 @@ from pliant.models.don.settings import DonSettings
 from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
 from pliant.models.don.tracing import TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.models.networks.print_network import PrintNetwork
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.configuration import settings_to_dict
@@ -79,6 +80,10 @@ class DonMatcher:
             plain_table=answer.plain_table,
         )
         self.reader = RopeReader(self.network, self._views, settings.answer)
+
+    def match_prints_with(self, network: PrintNetwork | None) -> None:
+        """Match the prints of cloths with a network of their own."""
+        self._views.prints = network
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""
@@ -303,13 +308,15 @@ class DonMatcher:
         return position if found.traced is None else found.traced.refined(position)
 
     def answered_by_network(self, pair: Pair, every_px: int = 1) -> FloatArray:
-        """Return what the network alone answers, without traces: float64 (N, 2), target pixels.
+        """Return what the network alone answers, without traces and prints: float64 (N, 2), px.
 
         Args:
             pair: The pair.
             every_px: Only the pixels of every so many rows and columns of the target compete.
         """
-        found = self.compare(pair.source, pair.target, pair.uv_a_px, every_px)
+        views, sharpness = self._views, self.sharpness
+        asked = pair.source, pair.target, pair.uv_a_px
+        found = compare(views, self.settings, *asked, sharpness, every_px, by_print=False)
         position = decode_position(found.log_p, found.uv_px, "median")
         return position.double().numpy() * self._views.pixel_scale(pair.target)
 

@@ -20,7 +20,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_erosion
 
 from pliant.baselines.outline import angle_from_upright
 from pliant.baselines.tracing import Reframed
@@ -31,16 +30,10 @@ from pliant.spec.arrays import FloatArray, Mask, RealArray
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_rgb
 
-_LEAST_SPREAD: Final = 0.03
-"""Standard deviation of a colour's share of the brightness. Of the renders that these limits were
-chosen on, blank cloths have up to 0.03 (95 %), printed ones from 0.02 to 0.12."""
-
 _LEAST_GAIN: Final = 0.15
 """Agreement by which a quarter turn must exceed the others. With blank cloths it is 0.09."""
 
 _POINTS: Final = 200
-_RIM_PX: Final = 2
-_DARK: Final = 16.0  # of 255: shares of nearly black pixels say nothing
 
 
 def turned_by_print(
@@ -57,20 +50,15 @@ def turned_by_print(
         views: The views as the network sees them.
         matched: Where the queries of a pair are in its target, float64 (N, 2), by the network.
     """
-    shown, there = (views.described(each.view).mask for each in (source, target))
-    if shown is None or there is None:
+    seen, there = (views.described(each.view) for each in (source, target))
+    if seen.mask is None or not (seen.printed and there.printed):
         return source
-    colours = _colours(source.view, views)
-    if not _is_printed(colours, shown):
-        return source
-    others = _colours(target.view, views)
-    if not _is_printed(others, there):
-        return source
-    points = grid_of(shown, _POINTS)
+    colours, others = (_colours(each.view, views) for each in (source, target))
+    points = grid_of(seen.mask, _POINTS)
     read = _read(colours, points)
     in_view = (points * views.pixel_scale(source.view)).astype(np.float32)
     original = source.back(Answers(in_view)).uv_px
-    ways = [source, *other_quarter_turns(source, shown)]
+    ways = [source, *other_quarter_turns(source, seen.mask)]
     agreement = []
     for way in ways:
         places = matched(Pair(way.view, target.view, way.forward(original)))
@@ -85,16 +73,6 @@ def turned_by_print(
 def _colours(view: Frame, views: ViewDescriber) -> FloatArray:
     """Return a picture at the network's size, float64 (h, w, 3)."""
     return resize_rgb(view.rgb, views.size).astype(np.float64)
-
-
-def _is_printed(colours: FloatArray, shown: Mask) -> bool:
-    """Return whether an object has several colours, more than light and folds can produce."""
-    inside = binary_erosion(shown, iterations=_RIM_PX)
-    if inside.sum() < _POINTS / 4:
-        return False
-    read = colours[inside] + _DARK
-    share = read / read.sum(axis=1, keepdims=True)
-    return bool(share.std(axis=0).max() >= _LEAST_SPREAD)
 
 
 def _read(colours: FloatArray, places: RealArray) -> FloatArray:

@@ -24,6 +24,7 @@ from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.networks.print_network import PRINTS, PrintNetwork
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.timecycle.trainer import train_timecycle
 from pliant.models.training.checkpoint import save_weights
@@ -321,8 +322,9 @@ def test_small_networks_are_exported_and_damaged_ones_refused(
     run = shutil.copytree(trained, tmp_path / "run")
     save_weights(run / MASKS, MaskNetwork().state_dict())
     save_weights(run / BALL, BallNetwork().state_dict())
+    save_weights(run / PRINTS, PrintNetwork().state_dict())
     folder = export_run(run, "a-model", tmp_path, dataset)
-    for name in (MASKS, BALL):
+    for name in (MASKS, BALL, PRINTS):
         whole = (folder / name).read_bytes()
         (folder / name).write_bytes(whole[:200])
         with pytest.raises(TrainingError, match=rf"a-model/{name}: the weights cannot be read"):

@@ -13,11 +13,13 @@ import pytest
 import torch
 
 from pliant.generator.config import GenerateConfig
+from pliant.loaders import FrameStore
 from pliant.models import load_matcher, model_recipe
 from pliant.models.don.ball import BallNetwork
 from pliant.models.don.settings import DonSettings
 from pliant.models.model_recipe import _mean, _train_masks, make_model
 from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.networks.print_network import PRINTS, PrintNetwork
 from pliant.models.recipe_file import RECIPES, MaskStage, read_recipe
 from pliant.models.shipped import FOLDER
 from pliant.models.training.run_folder import BALL, write_settings
@@ -53,7 +55,10 @@ def test_every_shipped_model_has_a_recipe() -> None:
             assert all(counts[each]["train"] >= 60 for each in recipe.masks.sets)
 
 
-def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
+def test_steps_of_a_trial_are_those_of_the_small_networks_too() -> None:
+    cloth = RECIPES / "don-cloth.yaml"
+    assert known(read_recipe(cloth, ["steps=7"]).prints).steps == 7
+    assert known(read_recipe(cloth).prints).steps > 1000
     recipe = read_recipe(RECIPES / "don-rope.yaml", ["steps=7", "batch=2"])
     assert known(recipe.masks).steps == 7
     assert known(recipe.masks).later == (7,) * 5
@@ -121,6 +126,33 @@ def test_small_networks_are_trained_once(
         )
         assert trained == expected
         assert sorted(path.name for path in run.glob("*.safetensors")) == sorted(expected)
+
+
+def test_the_network_for_prints_is_trained_at_the_size_of_the_model(
+    sheet_dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[int, int]] = []
+
+    def fit(stores: list[FrameStore], **_: object) -> PrintNetwork:
+        seen.extend(store.size for store in stores)
+        return PrintNetwork()
+
+    monkeypatch.setattr(model_recipe, "fit_prints", fit)
+    path = tmp_path / "recipe.yaml"
+    path.write_text(
+        "name: m\nsettings: {}\nsets: {x: {tiers: [sheet]}}\nstages: {a: {sets: [x]}}\n"
+        "prints: {sets: [x], steps: 3}\n"
+    )
+    recipe = read_recipe(path, [*DON[2:], "steps=3", "width=48"])
+
+    def copied(_: object, folder: Path) -> None:
+        if not folder.exists():
+            shutil.copytree(sheet_dataset.root, folder)
+
+    for _ in range(2):  # the second time, it is there
+        made = make_model(recipe, tmp_path / "out", copied)
+        assert (made / PRINTS).is_file()
+        assert [size[0] for size in seen] == [48]
 
 
 def test_mean_of_weights() -> None:
@@ -194,6 +226,8 @@ def test_a_changed_recipe_is_refused_for_finished_stages(
             "stages: {a: {sets: [x]}}\nmasks: {of: rope, sets: [], steps: 1}",
             "masks.sets.*at least one set",
         ),
+        ("stages: {a: {sets: [x]}}\nprints: {sets: [], steps: 1}", "prints.sets.*at least one"),
+        ("stages: {a: {sets: [x]}}\nprints: {sets: [y], steps: 1}", "prints.sets: unknown name"),
         ("sets: {z: {}}\nstages: {a: {sets: [z]}}", "sets.z.tiers: a set has"),
     ],
 )
