@@ -68,12 +68,14 @@ class _UprightView:
         mask: bool (h, w), the queried object, or None.
         objects: bool (h, w), any object, or None.
         descriptors: float (D, h, w).
+        rgb: uint8 (h, w, 3), the picture with its own table, or None for a network of depth.
     """
 
     image: torch.Tensor
     mask: Mask | None
     objects: Mask | None
     descriptors: torch.Tensor
+    rgb: Rgb | None
 
 
 def _bytes_of(described: DescribedView) -> int:
@@ -209,9 +211,8 @@ class ViewDescriber:
         maps = [upright.descriptors]
         maps += [self._descriptors(upright.image, turn) for turn in self.turns[1:]]
         mirrored = self._descriptors(upright.image.flip(2), 0).flip(2) if self.mirrored else None
-        mask, printed, prints = upright.mask, False, None
-        if mask is not None and self.given.colour:
-            rgb = resize_rgb(view.rgb, self.size)
+        rgb, mask, printed, prints = upright.rgb, upright.mask, False, None
+        if rgb is not None and mask is not None:
             printed = is_printed(rgb, mask)
             if printed and self.prints is not None:
                 prints = self.prints.described(rgb, mask)
@@ -230,10 +231,11 @@ class ViewDescriber:
         if mask is None and self.given.masks and self.network.foreground:
             logits = self._out(self.given.image(rgb, depth_m)).foreground[0].cpu()
             mask, objects = (logits > 0).numpy()
+        shown = rgb
         if self.plain_table and rgb is not None and mask is not None:
-            rgb = on_plain_table(rgb, mask if objects is None else mask | objects)
-        image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
-        return _UprightView(image, mask, objects, self._descriptors(image, 0))
+            shown = on_plain_table(rgb, mask if objects is None else mask | objects)
+        image = torch.from_numpy(self.given.image(shown, depth_m, mask, objects))
+        return _UprightView(image, mask, objects, self._descriptors(image, 0), rgb)
 
     def _descriptors(self, image: torch.Tensor, turn: int) -> torch.Tensor:
         """Return the descriptors of an image turned by quarter turns."""

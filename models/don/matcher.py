@@ -275,7 +275,13 @@ class DonMatcher:
         return torch.stack(ways).logsumexp(dim=0) - np.log(len(ways)) if len(ways) > 1 else log_p
 
     def compare(
-        self, source: Frame, target: Frame, uv_a_px: Float32Array, every_px: int = 1
+        self,
+        source: Frame,
+        target: Frame,
+        uv_a_px: Float32Array,
+        every_px: int = 1,
+        *,
+        by_print: bool = True,
     ) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.
 
@@ -284,9 +290,11 @@ class DonMatcher:
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
             every_px: Only the pixels of every so many rows and columns compete.
+            by_print: Match the prints too, where both images show one.
         """
         views, sharpness = self._views, self.sharpness
-        return compare(views, self.settings, source, target, uv_a_px, sharpness, every_px)
+        asked = source, target, uv_a_px
+        return compare(views, self.settings, *asked, sharpness, every_px, by_print=by_print)
 
     @property
     def _scale(self) -> torch.Tensor:
@@ -314,9 +322,8 @@ class DonMatcher:
             pair: The pair.
             every_px: Only the pixels of every so many rows and columns of the target compete.
         """
-        views, sharpness = self._views, self.sharpness
         asked = pair.source, pair.target, pair.uv_a_px
-        found = compare(views, self.settings, *asked, sharpness, every_px, by_print=False)
+        found = self.compare(*asked, every_px, by_print=False)
         position = decode_position(found.log_p, found.uv_px, "median")
         return position.double().numpy() * self._views.pixel_scale(pair.target)
 

@@ -25,6 +25,13 @@ def blank_cloths(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
     return smooth_cloths(tmp_path_factory.mktemp("blank") / "set")
 
 
+@pytest.fixture(scope="session")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
+    from tests.models.shipped_models import smooth_cloths  # needs the extra `generate`
+
+    return smooth_cloths(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=41)
+
+
 @pytest.fixture(scope="module")
 def pairs(sheet_dataset: Dataset) -> list[ValidationPair]:
     return drawn(sheet_dataset, 8, 60, seed=0)

@@ -14,7 +14,7 @@ from pliant.models.don.print_training import _painted_pair, _Picture, _sheet, fi
 from pliant.models.networks.print_network import is_printed, print_planes
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
-from tests.models.shipped_models import made_like_training_set, shipped_don, smooth_cloths
+from tests.models.shipped_models import made_like_training_set, shipped_don
 
 SIZE = (120, 90)
 
@@ -100,11 +100,6 @@ def test_a_print_is_seen_and_shading_is_none() -> None:
 @pytest.fixture(scope="module")
 def matcher() -> DonMatcher:
     return shipped_don("don-cloth")
-
-
-@pytest.fixture(scope="module")
-def printed(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
-    return smooth_cloths(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=43)
 
 
 def test_prints_are_described_and_blank_cloths_are_not(

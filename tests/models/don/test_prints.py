@@ -12,17 +12,12 @@ from PIL import Image
 from pliant.models.don.matcher import DonMatcher
 from pliant.spec.frame import Frame, Pair
 from tests.known import known
-from tests.models.shipped_models import shipped_don, smooth_cloths
+from tests.models.shipped_models import shipped_don
 
 
 @pytest.fixture(scope="module")
 def matcher() -> DonMatcher:
     return shipped_don("don-cloth")
-
-
-@pytest.fixture(scope="module")
-def printed(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
-    return smooth_cloths(tmp_path_factory.mktemp("printed") / "set", variant="printed", design=41)
 
 
 def turned(pair: Pair, quarters: int) -> Pair:
