@@ -50,6 +50,8 @@ def print_submission(view: dict[str, Any], page: str) -> None:
         echo(f"{issue['severity'].upper()} {issue['code']}{where}: {issue['message']}", err=True)
     if view["failure"]:
         echo(view["failure"], err=True)
+    if view.get("hidden_until") and view["state"] == "scored":  # an earlier service has none
+        echo(f"The scores are hidden until {view['hidden_until']}.")
     for score in view["scores"]:
         echo(f"Protocol {score['protocol']}:")
         groups = score["figures"]

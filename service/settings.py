@@ -45,6 +45,8 @@ class Phase(Settings):
         attempts_per_day: Scored submissions of a team per UTC day.
         attempts_total: Scored submissions of a team in all.
         show: Which submission of a team the leaderboard shows.
+        hidden_until_close: Whether only the host sees scores, receipts and leaderboard before it
+            closes; needs `closes`.
     """
 
     name: Name
@@ -55,6 +57,7 @@ class Phase(Settings):
     attempts_per_day: Count = 5
     attempts_total: Count = 100
     show: Literal["best", "last"] = "best"
+    hidden_until_close: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Phase:
@@ -62,6 +65,8 @@ class Phase(Settings):
             raise Refused("a time after opens", "closes")
         if len(set(self.protocols)) < len(self.protocols):
             raise Refused("different protocols", "protocols")
+        if self.hidden_until_close and self.closes is None:
+            raise Refused("false, or a phase with a time in closes", "hidden_until_close")
         return self
 
     def status(self, time_ms: int) -> Literal["upcoming", "open", "closed"]:

@@ -11,11 +11,11 @@ from pliant.evaluator.report.report import check_out_dir
 from pliant.evaluator.report.site import INDEX
 from pliant.service.audit import log_time
 from pliant.service.challenge import Challenge
-from pliant.service.leaderboard import leaderboard
+from pliant.service.leaderboard import Board, leaderboard
 from pliant.service.models import Score, Submission, Version
 from pliant.service.versions import default_version
 from pliant.service.web.state import Site, default_phase, static_file
-from pliant.service.web.views import board_csv
+from pliant.service.web.views import board_csv, hidden_phases
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged
 
@@ -49,9 +49,11 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
         phase = default_phase(challenge.settings.phases, time_ms)
         first = default_version(session, challenge, phase)
         versions = session.scalars(select(Version).order_by(Version.id)).all()
+        hidden = hidden_phases(session, challenge.settings)
         for version in versions:
             rules = challenge.settings.phase(version.phase)
-            board = leaderboard(session, version, rules.show)
+            is_hidden = version.phase in hidden
+            board = Board((), ()) if is_hidden else leaderboard(session, version, rules.show)
             page = site.render(
                 "board.html.j2",
                 who=None,
@@ -62,6 +64,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
                 phase=rules,
                 time_ms=time_ms,
                 show=rules.show,
+                hidden_until=rules.closes if is_hidden else None,
                 first_id=None if first is None else first.id,
                 earlier_keys=[name for name in keys if name != _KEY],
             )
@@ -74,7 +77,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
         public = (
             select(Score.submission_id, Score.version_id, Score.receipt)
             .join(Submission, Submission.id == Score.submission_id)
-            .where(Submission.withdrawn_ms.is_(None))
+            .where(Submission.withdrawn_ms.is_(None), Submission.phase.not_in(hidden))
         )
         for number, way, receipt in session.execute(public):
             write_json(folder / _SUBMISSIONS / f"{number}-{way}.json", receipt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from fastapi import APIRouter, Depends, Path, Query, Request
@@ -17,7 +18,7 @@ from pliant.service.database import now_ms
 from pliant.service.leaderboard import Board, leaderboard
 from pliant.service.ledger import attempts
 from pliant.service.models import Score, Submission, Version
-from pliant.service.settings import Phase
+from pliant.service.settings import ChallengeSettings, Phase, moment_text
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.teams import Identity
 from pliant.service.versions import default_version
@@ -31,6 +32,7 @@ from pliant.service.web.views import (
     board_view,
     csv_text,
     find_submission,
+    hidden_until,
     submission_view,
 )
 from pliant.spec.errors import CallError
@@ -59,6 +61,7 @@ class PhaseView(BaseModel):
     protocols: list[str]
     attempts_per_day: int
     attempts_total: int
+    hidden_until_close: bool
     left_today: int | None
     left_total: int | None
 
@@ -127,15 +130,17 @@ def version_of(session: Session, site: Site, phase: str | None, number: int | No
 
 
 class RequestedBoard(NamedTuple):
-    """The leaderboard that a request asks for."""
+    """The leaderboard that a request asks for; empty while its scores are hidden."""
 
     board: Board
     version: Version
     show: str
+    hidden_until: datetime | None
 
 
 def requested_board(
     site: TheSite,
+    who: Visitor,
     phase: str | None = None,
     version: MaybeNumber = None,
     show: Show | None = None,
@@ -146,10 +151,13 @@ def requested_board(
     """
     with site.database.read() as session:
         found = version_of(session, site, phase, version)
-        shown = show or site.challenge.settings.phase(found.phase).show
+        settings = site.challenge.settings
+        shown = show or settings.phase(found.phase).show
+        if hidden := hidden_until(session, settings, found.phase, who):
+            return RequestedBoard(Board((), ()), found, shown, hidden)
         key = f"{found.id} {shown}"
         board = site.cached(session, key, lambda: leaderboard(session, found, shown))
-        return RequestedBoard(board, found, shown)
+        return RequestedBoard(board, found, shown, None)
 
 
 TheBoard = Annotated[RequestedBoard, Depends(requested_board)]
@@ -227,7 +235,7 @@ async def post_submission(
 
 
 def own_views(
-    session: Session, who: Identity, before: int | None
+    session: Session, settings: ChallengeSettings, who: Identity, before: int | None
 ) -> tuple[list[SubmissionView], bool]:
     """Return a page of the submissions of a team, of all for the host, and whether more follow."""
     query = select(Submission).order_by(Submission.id.desc()).limit(_PAGE + 1)
@@ -236,14 +244,15 @@ def own_views(
     if before is not None:
         query = query.where(Submission.id < before)
     found = session.scalars(query).all()
-    return [submission_view(session, each, who) for each in found[:_PAGE]], len(found) > _PAGE
+    views = [submission_view(session, settings, each, who) for each in found[:_PAGE]]
+    return views, len(found) > _PAGE
 
 
 @router.get("/submissions")
 def get_submissions(site: TheSite, who: Member, before: MaybeNumber = None) -> list[SubmissionView]:
     """Return the last 100 submissions, or those before one; a team sees its own."""
     with site.database.read() as session:
-        return own_views(session, who, before)[0]
+        return own_views(session, site.challenge.settings, who, before)[0]
 
 
 @router.get("/submissions.csv", response_class=PlainTextResponse)
@@ -254,7 +263,7 @@ def get_submissions_csv(
     fields = ("id", "team", "phase", "state", "method", "file_name", "file_sha256", "submitted_ms")
     rows = []
     with site.database.read() as session:
-        for view in own_views(session, who, before)[0]:
+        for view in own_views(session, site.challenge.settings, who, before)[0]:
             scores = {each.version: each.figures["overall"] for each in view.scores}
             values = view.model_dump() | ({"state": "withdrawn"} if view.withdrawn else {})
             rows.append([*(values[name] for name in fields), json.dumps(scores)])
@@ -265,14 +274,17 @@ def get_submissions_csv(
 def get_submission(site: TheSite, who: Visitor, number: Number) -> SubmissionView:
     """Return a submission: its state, place in the queue, problems and scores."""
     with site.database.read() as session:
-        return submission_view(session, find_submission(session, number, who), who)
+        settings = site.challenge.settings
+        found = find_submission(session, settings, number, who)
+        return submission_view(session, settings, found, who)
 
 
 @router.get("/submissions/{number}/file", response_class=FileResponse)
 def get_file(site: TheSite, who: Member, number: Number) -> FileResponse:
     """Return the file of one's own submission."""
     with site.database.read() as session:
-        sha256 = find_submission(session, number, who, public=False).file_sha256
+        found = find_submission(session, site.challenge.settings, number, who, public=False)
+        sha256 = found.file_sha256
     path, name = site.challenge.store.path(sha256), f"submission-{number}.parquet"
     return FileResponse(path, media_type=_BINARY, filename=name)
 
@@ -286,7 +298,11 @@ def get_receipt(
 ) -> dict[str, Any]:
     """Return the signed receipt of a score; without `version` of the newest."""
     with site.database.read() as session:
-        find_submission(session, number, who)
+        found = find_submission(session, site.challenge.settings, number, who)
+        if hidden := hidden_until(session, site.challenge.settings, found.phase, who):
+            raise NotAcceptedError(
+                "SCORES_HIDDEN", 403, f"scores are hidden until {moment_text(hidden)}"
+            )
         query = select(Score.receipt).where(Score.submission_id == number)
         if version is not None:
             query = query.where(Score.version_id == version)

@@ -38,7 +38,13 @@ from pliant.service.web.security import (
 )
 from pliant.service.web.state import Site
 from pliant.service.web.uploads import receive_file
-from pliant.service.web.views import find_submission, find_team, is_own, submission_view
+from pliant.service.web.views import (
+    find_submission,
+    find_team,
+    hidden_until,
+    is_own,
+    submission_view,
+)
 from pliant.spec.storage.manifest import read_checksums
 
 _CHUNK: Final = 1 << 20
@@ -82,10 +88,12 @@ def team(
 ) -> HTMLResponse:
     """Show the history of a team."""
     with site.database.read() as session:
-        found = find_team(session, number, who)
+        settings = site.challenge.settings
+        found = find_team(session, settings, number, who)
         way = version_of(session, site, None, version)
-        rows = history(session, way, number)
-        return page(site, "team.html.j2", who, team=found, rows=rows, version=way)
+        hidden = hidden_until(session, settings, way.phase, who)
+        values = {"rows": [] if hidden else history(session, way, number), "hidden_until": hidden}
+        return page(site, "team.html.j2", who, team=found, version=way, **values)
 
 
 @router.get("/rules")
@@ -190,7 +198,7 @@ def submissions(site: TheSite, who: Visitor, before: MaybeNumber = None) -> HTML
     if who is None:
         return page(site, "login.html.j2", None, next="/submissions")
     with site.database.read() as session:
-        views, more = own_views(session, who, before)
+        views, more = own_views(session, site.challenge.settings, who, before)
         return page(site, "submissions.html.j2", who, views=views, more=more, before=before)
 
 
@@ -198,8 +206,9 @@ def submissions(site: TheSite, who: Visitor, before: MaybeNumber = None) -> HTML
 def submission(site: TheSite, who: Visitor, number: Number, again: bool = False) -> HTMLResponse:
     """Show a submission; `again` after its file was sent another time."""
     with site.database.read() as session:
-        found = find_submission(session, number, who)
-        view = submission_view(session, found, who)
+        settings = site.challenge.settings
+        found = find_submission(session, settings, number, who)
+        view = submission_view(session, settings, found, who)
         ways = {each.id: each for each in versions_of(session, found.phase)}
         again = again and is_own(found.team_id, who)
         return page(site, "submission.html.j2", who, view=view, versions=ways, again=again)

@@ -116,12 +116,12 @@ def _accept(
             earlier = sent_before(session, phase, who, upload)
             if earlier is None:
                 raise refusal
-            return submission_view(session, earlier, who), False
+            return submission_view(session, site.challenge.settings, earlier, who), False
     copied = site.challenge.store.copied(file, upload.sha256)
     with copied as keep, site.database.write() as session:
         submission, new = accept(session, site.challenge, phase, who, upload)
         keep()
-        return submission_view(session, submission, who), new
+        return submission_view(session, site.challenge.settings, submission, who), new
 
 
 def _plain_name(name: str) -> str:

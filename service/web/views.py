@@ -5,14 +5,17 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from pliant.service.audit import log_time
 from pliant.service.leaderboard import Board, Row
 from pliant.service.models import FINAL, Score, State, Submission, Team, Version
+from pliant.service.settings import ChallengeSettings
 from pliant.service.submissions import NotAcceptedError, queue_position
 from pliant.service.teams import Identity
 from pliant.spec.errors import Issue
@@ -51,6 +54,7 @@ class SubmissionView(BaseModel):
     issues: list[Issue]
     counts: dict[str, int]
     failure: str | None
+    hidden_until: datetime | None
     scores: list[ScoreView]
 
     @property
@@ -68,6 +72,7 @@ class BoardView(BaseModel):
     protocol_sha256: str
     truth_sha256: str
     show: str
+    hidden_until: datetime | None
     rows: list[Row]
     controls: list[Row]
 
@@ -77,7 +82,24 @@ def is_own(team_id: int, who: Identity | None) -> bool:
     return who is not None and (who.is_host or who.team_id == team_id)
 
 
-def find_team(session: Session, number: int, who: Identity | None) -> Team:
+def hidden_until(
+    session: Session, settings: ChallengeSettings, phase: str, who: Identity | None
+) -> datetime | None:
+    """Return until when the scores of a phase are hidden from somebody, or None."""
+    rules = settings.phase(phase)
+    hidden = rules.hidden_until_close and not (who is not None and who.is_host)
+    return rules.closes if hidden and rules.status(log_time(session)) != "closed" else None
+
+
+def hidden_phases(session: Session, settings: ChallengeSettings) -> list[str]:
+    """Return the phases whose scores only the host sees now."""
+    names = [phase.name for phase in settings.phases]
+    return [name for name in names if hidden_until(session, settings, name, None)]
+
+
+def find_team(
+    session: Session, settings: ChallengeSettings, number: int, who: Identity | None
+) -> Team:
     """Return a team that has a submission that everybody may see, or one's own.
 
     Raises:
@@ -88,6 +110,7 @@ def find_team(session: Session, number: int, who: Identity | None) -> Team:
         Submission.team_id == number,
         Submission.state == State.SCORED,
         Submission.withdrawn_ms.is_(None),
+        Submission.phase.not_in(hidden_phases(session, settings)),
     )
     if found is None or not (is_own(number, who) or session.scalar(public.limit(1))):
         raise NotAcceptedError("NOT_FOUND", 404, "no such team")
@@ -95,7 +118,12 @@ def find_team(session: Session, number: int, who: Identity | None) -> Team:
 
 
 def find_submission(
-    session: Session, number: int, who: Identity | None, *, public: bool = True
+    session: Session,
+    settings: ChallengeSettings,
+    number: int,
+    who: Identity | None,
+    *,
+    public: bool = True,
 ) -> Submission:
     """Return a submission of one's own team, or where `public` one that everybody may see.
 
@@ -105,16 +133,18 @@ def find_submission(
     found = session.get(Submission, number)
     if found is not None:
         shown = public and found.state == State.SCORED and found.withdrawn_ms is None
+        shown = shown and not hidden_until(session, settings, found.phase, who)
         if shown or is_own(found.team_id, who):
             return found
     raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
 
 
 def submission_view(
-    session: Session, submission: Submission, who: Identity | None
+    session: Session, settings: ChallengeSettings, submission: Submission, who: Identity | None
 ) -> SubmissionView:
     """Return the visible part of a submission."""
     problems = submission.problems or {}
+    hidden = hidden_until(session, settings, submission.phase, who)
     scored = (
         select(Score, Version)
         .join(Version, Version.id == Score.version_id)
@@ -138,16 +168,20 @@ def submission_view(
         issues=problems.get("issues", []),
         counts=problems.get("counts", {}),
         failure=submission.failure,
-        scores=[_score_view(*each) for each in session.execute(scored)],
+        hidden_until=hidden,
+        scores=[] if hidden else [_score_view(*each) for each in session.execute(scored)],
     )
 
 
-def board_view(board: Board, version: Version, show: str) -> BoardView:
+def board_view(
+    board: Board, version: Version, show: str, hidden_until: datetime | None
+) -> BoardView:
     """Return a leaderboard as a document."""
     return BoardView(
         phase=version.phase,
         **_named(version),
         show=show,
+        hidden_until=hidden_until,
         rows=list(board.rows),
         controls=list(board.controls),
     )

@@ -115,3 +115,13 @@ def test_figures_of_a_single_tier_are_printed_once(
     print_submission(view, "URL")
     shown = capsys.readouterr().out
     assert shown.count("rmse_px 1.5") == (1 if len(tiers) == 1 else 3)
+
+
+def test_hidden_scores_are_announced_where_a_file_was_scored(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    view = {"id": 1, "issues": [], "failure": None, "scores": [], "hidden_until": "2199-03-01"}
+    print_submission({**view, "state": "queued"}, "URL")
+    assert "hidden" not in capsys.readouterr().out
+    print_submission({**view, "state": "scored"}, "URL")
+    assert "hidden until 2199-03-01." in capsys.readouterr().out
